@@ -5,14 +5,17 @@ from __future__ import annotations
 import json
 import os
 import sys
+import time
+from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 import struck
 from struck.cli import main
 from struck.live import device as binding
-from struck.live.keys import places_by_key
+from struck.live.keys import places_by_key, terminal_keys
 from tests.live.hand import ball
 
 
@@ -122,3 +125,86 @@ def test_typed_keys_strike_and_q_ends(
         assert main(["play", model, "--json", "--seconds", "20"]) == 0
     os.close(ours)
     assert json.loads(capsys.readouterr().out)["strikes"] == 5
+
+
+@pytest.mark.usefixtures("jack")
+@pytest.mark.parametrize(
+    ("typed", "more", "strikes", "most"),
+    [
+        (b" 12q" + b" " * 9, (), 3, 1.5),  # what follows q is not played
+        (b" 12", (), 3, 4.0),  # the end of the input, once the last strike was heard
+        (b"", (), 0, 1.5),
+        (b"", ("--seconds", "0.4", "--scrapes", "1"), 0, 1.5),  # a robot goes on
+    ],
+)
+@pytest.mark.parametrize("kind", ["pipe", "file"])
+def test_piped_keys_strike_and_q_or_their_end_ends(
+    model: str,
+    tmp_path: Path,
+    typed: bytes,
+    more: tuple[str, ...],
+    strikes: int,
+    most: float,
+    kind: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    if kind == "pipe":
+        theirs, ours = os.pipe()
+        os.write(ours, typed)
+        os.close(ours)
+    else:
+        (tmp_path / "keys").write_bytes(typed)
+        theirs = os.open(tmp_path / "keys", os.O_RDONLY)
+    with os.fdopen(theirs) as keys:
+        monkeypatch.setattr(sys, "stdin", keys)
+        assert main(["play", model, "--json", *(more or ("--seconds", "20"))]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["strikes"] == strikes
+    assert (0.4 if more else 0.0) <= facts["seconds"] < most
+
+
+@pytest.mark.parametrize(
+    ("typed", "plays", "struck_at", "seconds"),
+    [
+        (b" 1q2", False, [None, "top"], 0.0),
+        (b" 1", False, [None, "top"], 0.2),  # the last strike is heard after the end
+        (b"", False, [], 0.0),
+        (b"", True, [], 0.5),  # a robot strikes until the time is over
+    ],
+)
+def test_the_end_of_piped_keys_ends_what_no_robot_plays(
+    typed: bytes,
+    plays: bool,  # noqa: FBT001
+    struck_at: list[str | None],
+    seconds: float,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    command = import_module("struck.cli.play")
+    monkeypatch.setattr(command, "_RING", 0.2)
+    theirs, ours = os.pipe()
+    os.write(ours, typed)
+    os.close(ours)
+    places: list[str | None] = []
+
+    def strike(at: str | None) -> None:
+        places.append(at)
+
+    player = SimpleNamespace(active=True, strike=strike)
+    robot = SimpleNamespace(plays=plays, go_on=lambda: None)
+    begun = time.monotonic()
+    with os.fdopen(theirs) as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        monkeypatch.setattr(command, "_line", lambda _player: "")
+        with terminal_keys() as keys:
+            count = command._loop(player, keys, {" ": None, "1": "top"}, robot, begun + 0.5)
+    assert count == len(struck_at)
+    assert places == struck_at
+    assert seconds <= time.monotonic() - begun < seconds + 0.3
+
+
+def test_a_null_device_is_no_end_of_keys(monkeypatch: pytest.MonkeyPatch) -> None:
+    with Path(os.devnull).open() as nothing:
+        monkeypatch.setattr(sys, "stdin", nothing)
+        with terminal_keys() as keys:
+            assert (keys.pressed(0.01), keys.ended) == ("", False)

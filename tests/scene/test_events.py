@@ -320,8 +320,6 @@ def test_gaps_between_poses_are_told() -> None:
         }
         notes = events_of(SCENE, replace(contacts, poses=Poses(**rows))).notes
         assert [note[: note.index(" of")] for note in notes] == [f"{count} contacts"] * 2, notes
-    motion = Contacts.of_motion(contacts.names, poses)
-    assert "infer_contacts finds them" in events_of(SCENE, motion).notes[0]
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_does_not() -> None:

@@ -75,6 +75,42 @@ def test_three_impacts_written_by_hand_are_heard(tmp_path: Path) -> None:
     assert late[1] > late[2] < late[3] > late[4] < late[5]
 
 
+@pytest.mark.parametrize("between", [";", "\t", "; "])
+@pytest.mark.parametrize("decimal", [".", ","])
+@pytest.mark.parametrize("text", [BY_HAND, POSED], ids=["contacts", "poses"])
+def test_semicolons_and_tabs_separate_cells_too(
+    tmp_path: Path, text: str, between: str, decimal: str
+) -> None:
+    (tmp_path / "commas.csv").write_text(text, encoding="utf-8")
+    lines = [
+        line if line.startswith("#") else line.replace(",", between).replace(".", decimal)
+        for line in text.splitlines()
+    ]
+    (tmp_path / "other.csv").write_text("\r\n".join(lines), encoding="utf-8-sig")
+    plain, other = (load_contacts(tmp_path / f"{name}.csv") for name in ("commas", "other"))
+    assert other.names == plain.names
+    for name in ("time", "dt", "body0", "body1", "position", "impulse"):
+        np.testing.assert_array_equal(getattr(other, name), getattr(plain, name))
+    if plain.poses is not None:
+        np.testing.assert_array_equal(other.poses.position, plain.poses.position)
+        np.testing.assert_array_equal(other.poses.rotation, plain.poses.rotation)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("0.1;board;block;0;0;0;0;0", "line 2 has 8 cells, and there are 9"),
+        ("0.1;board;block;0;0;0;0;0;1.234,5", "line 2 has impulse '1.234,5': give a number"),
+        ("0,1,board,block,0,0,0,0,0,1", "line 2 has 1 cells, and there are 9"),
+    ],
+)
+def test_wrong_lines_with_semicolons_are_named(tmp_path: Path, line: str, said: str) -> None:
+    head = BY_HAND.splitlines()[0].replace(",", ";")
+    (tmp_path / "log.csv").write_text(f"{head}\n{line}\n", encoding="utf-8")
+    with pytest.raises(FileFormatError, match=re.escape(said)):
+        load_contacts(tmp_path / "log.csv")
+
+
 def test_poses_and_units_stand_in_the_same_file(tmp_path: Path) -> None:
     (tmp_path / "posed.csv").write_text(POSED, encoding="utf-8")
     contacts = load_contacts(tmp_path / "posed.csv")

@@ -67,7 +67,7 @@ SILENT = {
         SCENE,
         Contacts.of_motion(["board", "block"], STILL),
         1.0,
-        "silence: the log has no contacts",
+        "silence: the log has no contacts; struck.scene.infer_contacts finds those of a motion",
     ),
     "without models": (
         MUTE,
@@ -213,3 +213,27 @@ def test_impacts_below_a_millionth_of_the_largest_are_counted_and_not_listed() -
     assert events.notes == (
         "2 impacts of less than 1e-06 of the largest impulse left out of the table of events",
     )
+
+
+@pytest.mark.parametrize(("along", "lasting"), [(0.0, 0), (0.02, 1)])
+def test_bodies_that_sink_into_each_other_do_not_slide(along: float, lasting: int) -> None:
+    """A soft solver lets a block at rest sink by a millimetre, at up to 10 mm/s."""
+    contacts = landing(Solver(), speed=0.0, at=0.0, slides=lambda times: along * times)
+    poses = contacts.poses
+    assert poses is not None
+
+    def depth(times: np.ndarray) -> np.ndarray:
+        return 1e-3 * (1 - np.exp(-times / 0.1))
+
+    sunk = np.where(poses.body == 1, depth(poses.time), 0.0)[:, None] * [0.0, 0.0, 1.0]
+    rows = depth(contacts.time)[:, None] * [0.0, 0.0, 0.5]
+    sinking = replace(
+        contacts,
+        position=contacts.position - rows,
+        velocity=contacts.velocity - 20 * (1e-3 * np.array([0, 0, 0.5]) - rows),
+        poses=replace(poses, position=poses.position - sunk),
+    )
+    events = events_of(SCENE, sinking)
+    assert len(events.sustained) == lasting
+    for contact in events.sustained:
+        assert contact.speeds[0].max() == pytest.approx(along, rel=0.05)

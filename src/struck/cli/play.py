@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 _SOAK_MODES, _SOAK_STRIKES, _SOAK_SCRAPES = 2000, 200.0, 2
 _LOOK = 0.004  # s between two looks at the keyboard
+_RING = 2.0  # s that the last strike is heard after the end of piped keys
 _SHOWN = 0.2  # s between two looks of a person at the line
 
 
@@ -40,7 +41,9 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--volume", type=float, default=0.0, help="dB; 0: a strike peaks at -12")
     add_listener(parser)
     add_budget(parser)
-    parser.add_argument("--seconds", type=float, help="end by itself")
+    parser.add_argument(
+        "--seconds", type=float, help="end by itself; else by q, or the end of keys from a pipe"
+    )
     parser.add_argument(
         "--strikes-per-second", dest="strikes", type=float, default=0.0, help="at random (0)"
     )
@@ -122,11 +125,14 @@ def _played(
 def _loop(player: Player, keys: Keys, places: dict, robot: Robot, end: float) -> int:
     from struck.live.keys import QUIT
 
-    typed, shown = 0, 0.0
+    typed, shown, last = 0, 0.0, None
     while time.monotonic() < end:
         key = keys.pressed(_LOOK).lower()
         if key == QUIT:
             break
+        if keys.ended and not robot.plays and last is None:
+            last = time.monotonic() + (_RING if typed else 0.0)
+            end = min(end, last)
         if key in places:
             player.strike(at=places[key])
             typed += 1

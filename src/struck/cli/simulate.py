@@ -9,7 +9,6 @@ import json
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +30,7 @@ from struck.report.contact_sheet import contact_sheet
 from struck.scene import Events, Scene, events_of, save_animation, save_contacts
 from struck.scene.engines.restitution import PairValues
 from struck.scene.engines.simulation import Simulation, require_seconds
+from struck.scene.render import require_length
 from struck.scene.stems import save_stems
 
 EXAMPLES = (
@@ -85,6 +85,8 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     require_seconds(options.seconds, options.ring)
     if options.play:
         return _heard_live(options, progress)
+    _heard(options)  # refused before bodies are analyzed
+    require_length(options.seconds + options.ring, options.rate)
     output = writable(options.output or Path(options.scene).with_suffix(".wav"))
     chosen(output)
     log = writable(options.log or output.with_suffix(".npz"), unlike=[options.scene])
@@ -95,30 +97,42 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     progress("computing the sound", 0.0)
     events = events_of(scene, contacts)
     excited = events.on()
+    _require_models(excited, events, options)
     if options.listener is None and options.walk is None:
         options.listener = _before(excited)
     heard = _heard(options)
-    sound = _sound(excited, heard, options)
+    sound = struck.render(excited, **heard)
     factor = sound.save(output)
-    files = [output, log, *_write_others(output, scene, events, sound, options.seconds, progress)]
+    table = events.table()
+    others, missing = _write_others(output, scene, events, table, sound, options.seconds, progress)
+    files = [output, log, *others]
     if options.stems:
         files += save_stems(excited, output, factor=factor, **heard)
-    notes = list(dict.fromkeys((*scene.notes, *sound.notes)))
+    notes = list(dict.fromkeys((*scene.notes, *sound.notes, *missing)))
     last = f"wrote {output} ({sound.duration:.2f} s{saved(sound, factor)})"
-    rows, blows = counted(len(contacts), "row"), counted(len(events.impacts), "point")
-    count = f"{rows} of contacts, {blows} of blows, "
-    count += counted(len(events.sustained), "lasting contact")
+    impacts = sum(row["event"] == "impact" for row in table)
+    count = (
+        f"{counted(len(contacts), 'row')} of contacts, {counted(impacts, 'point')} of blows, "
+        f"{counted(len(events.sustained), 'lasting contact')}"
+    )
     lines = [*notes, count, *(f"wrote {each}" for each in files[1:]), last]
     return Result(
         lines,
         output=str(output),
         files=[str(each) for each in files],
         contacts=len(contacts),
-        impacts=len(events.impacts),
+        impacts=impacts,
         sustained=len(events.sustained),
         factor=factor,
         notes=notes,
     )
+
+
+def _require_models(scene: Scene, events: Events, options: argparse.Namespace) -> None:
+    """Refuse a scene whose bodies touch, none of which has a model of its sound."""
+    if len(events.contacts) and all(body.silent for body in scene.bodies.values()):
+        notes = options.in_shell_words("; ".join(dict.fromkeys(scene.notes)))
+        raise OptionError(f"nothing sounds: {notes}")
 
 
 def _heard_live(options: argparse.Namespace, progress: TerminalProgress) -> Result:
@@ -157,16 +171,6 @@ def _heard(options: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _sound(scene: Scene, heard: Mapping[str, Any], options: argparse.Namespace) -> Sound:
-    """Return the sound of a scene."""
-    bodies = [body for body in scene.bodies.values() if not body.silent]
-    if not any(body.actions for body in bodies):
-        notes = options.in_shell_words("; ".join(dict.fromkeys(scene.notes)))
-        raise OptionError(f"nothing sounds: {notes or 'no contact is strong enough to hear'}")
-    sound = struck.render(bodies, **heard)
-    return replace(sound, notes=tuple(dict.fromkeys((*scene.notes, *sound.notes))))
-
-
 def _ears(options: argparse.Namespace) -> Listener | None:
     """Return the listener; a bare position is an ear in the scene."""
     someone = listener(options)
@@ -189,19 +193,22 @@ def _write_others(
     output: Path,
     scene: Scene,
     events: Events,
+    table: Sequence[Mapping[str, object]],
     sound: Sound,
     seconds: float,
     progress: TerminalProgress,
-) -> Sequence[Path]:
-    """Write the list of events, the animation and the pictures, and return their files."""
-    table, motion, sheet = (
+) -> tuple[Sequence[Path], Sequence[str]]:
+    """Write the list of events, the animation and the picture; return their files, and notes."""
+    listing, motion, sheet = (
         output.with_suffix(ending) for ending in (".events.csv", ".glb", ".png")
     )
-    write_bytes(table, _lines(events.table()).encode())
+    write_bytes(listing, _lines(table).encode())
+    if not any(body.model.geometry is not None for body in scene.bodies.values()):
+        return [listing], ["no body has a surface: there is no animation and no picture"]
     progress("writing animation and pictures", 0.0)
     save_animation(scene, motion, seconds=seconds)
-    save_picture(contact_sheet(scene, events.contacts, sound, seconds=seconds), sheet)
-    return table, motion, sheet
+    save_picture(contact_sheet(events, sound, seconds=seconds), sheet)
+    return [listing, motion, sheet], []
 
 
 def _lines(rows: Sequence[Mapping[str, object]]) -> str:

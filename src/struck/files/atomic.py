@@ -65,6 +65,14 @@ def read_bytes(path: str | os.PathLike[str], *, most: int = _LARGEST) -> bytes:
     return data
 
 
+def require_readable(path: str | os.PathLike[str]) -> None:
+    """Raise FileFormatError where a file is missing, or cannot be opened to be read."""
+    try:
+        open_ordinary(path).close()
+    except (OSError, ValueError) as error:
+        raise FileFormatError(f"{path} {unread(path, error)}") from error
+
+
 def unread(path: str | os.PathLike[str], error: Exception) -> str:
     """Return why a file cannot be read, and the nearest name in its folder where it is missing."""
     folder = Path(path).parent

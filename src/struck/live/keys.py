@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import os
+import queue
+import stat
 import string
 import sys
 import threading
@@ -27,10 +29,15 @@ _LETTERS = "".join(letter for letter in string.ascii_lowercase if letter != QUIT
 
 
 class Keys(Protocol):
-    """A source of typed keys: a terminal or none."""
+    """A source of typed keys: a terminal, a pipe or a file, or none."""
 
     def pressed(self, seconds: float) -> str:
         """Return the next key; "" where there is none for so long."""
+        ...
+
+    @property
+    def ended(self) -> bool:
+        """Whether no key can come any more: the end of a pipe or a file."""
         ...
 
 
@@ -41,6 +48,44 @@ class NoKeys:
         """Wait for a key; without a terminal none comes."""
         time.sleep(seconds)
         return ""
+
+    @property
+    def ended(self) -> bool:
+        """Whether there were keys that have ended: there were none."""
+        return False
+
+
+class PipedKeys:
+    """Keys from a pipe or a file, one after the other."""
+
+    def __init__(self, number: int) -> None:
+        self._typed: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        self._ended = False
+        # A thread waits for them, as `select` knows no pipes on Windows.
+        reader = threading.Thread(
+            target=self._read, args=(number,), name="struck keys", daemon=True
+        )
+        reader.start()
+
+    def _read(self, number: int) -> None:
+        with contextlib.suppress(OSError):
+            while key := os.read(number, 1):
+                self._typed.put(key)
+        self._typed.put(b"")
+
+    def pressed(self, seconds: float) -> str:
+        """Return the next key; "" where there is none for so long, or they have ended."""
+        try:
+            key = self._typed.get(timeout=seconds)
+        except queue.Empty:
+            return ""
+        self._ended = not key
+        return key.decode(errors="ignore")
+
+    @property
+    def ended(self) -> bool:
+        """Whether the end of the input was reached."""
+        return self._ended
 
 
 def places_by_key(model: ModalModel) -> dict[str, Place]:
@@ -57,9 +102,13 @@ def places_by_key(model: ModalModel) -> dict[str, Place]:
 
 @contextlib.contextmanager
 def terminal_keys() -> Iterator[Keys]:
-    """Yield the keys of the terminal, as they are typed; none where there is no terminal."""
+    """Yield the keys of the terminal as they are typed, or those of a pipe or a file.
+
+    There are none where nothing is connected, as from the null device.
+    """
     if sys.stdin is None or not sys.stdin.isatty():
-        yield NoKeys()
+        number = _piped()
+        yield NoKeys() if number is None else PipedKeys(number)
     elif sys.platform == "win32":
         yield _Console()
     else:
@@ -67,9 +116,22 @@ def terminal_keys() -> Iterator[Keys]:
             yield keys
 
 
+def _piped() -> int | None:
+    """Return the number of the standard input where it is a pipe, a socket or a file."""
+    try:
+        number = sys.stdin.fileno()
+        mode = os.fstat(number).st_mode
+    except (OSError, ValueError, AttributeError):  # closed, or replaced by something of Python
+        return None
+    kinds = (stat.S_ISFIFO, stat.S_ISREG, stat.S_ISSOCK)
+    return number if any(is_kind(mode) for is_kind in kinds) else None
+
+
 if sys.platform == "win32":
 
     class _Console:
+        ended = False
+
         def pressed(self, seconds: float) -> str:
             import msvcrt
 
@@ -83,6 +145,8 @@ if sys.platform == "win32":
 else:
 
     class _Terminal:
+        ended = False
+
         def pressed(self, seconds: float) -> str:
             import select
 
@@ -120,6 +184,7 @@ class Robot:
         self._random = np.random.default_rng(seed)
         self._places = [list(places_by_key(model).values()) for model in models]
         self._pause = 1 / strikes if strikes else float("inf")
+        self.plays = bool(strikes or scrapes)
         self.strikes = 0
         for number in range(scrapes):
             self._scrape(models, number % len(models))

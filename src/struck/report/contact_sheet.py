@@ -1,8 +1,9 @@
-"""Contact sheet: pictures of a scene at a row of moments, with the sound below."""
+"""Contact sheet: pictures of a scene at the moments that matter, with the sound below."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,36 +11,63 @@ import numpy as np
 from struck.errors import OptionError
 from struck.files.sound import Sound
 from struck.model.arrays import Array
-from struck.model.mesh import Mesh
 from struck.model.picture_style import in_default_style
-from struck.report.charts import draw_spectrogram, powers_in_time
-from struck.report.surface_picture import facing, frame, shade
+from struck.report.charts import FAINT, draw_spectrogram, plain, powers_in_time
+from struck.report.depth_image import GROUND, DepthImage
+from struck.report.scene_moments import moments_of
 from struck.scene.animation import COLOURS, course_of, group_of
-from struck.scene.body import Body, Scene
-from struck.scene.contacts import Contacts
+from struck.scene.body import Body, RigidBody
+from struck.scene.events import Events
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_MOMENTS, _ACROSS = 12, 4
+_ACROSS = 4
 _LOWEST = 50.0  # Hz, of the spectrogram
 _MOST_FACES = 4_000  # of a body as it is drawn
-_FINEST = 40  # edges of triangles along the picture: smaller ones hide each other rightly
 _ELEVATION, _AROUND = np.deg2rad(22), np.deg2rad(-58)
 _LIGHT = np.array([-0.42, 0.58, 0.70]) / np.linalg.norm([-0.42, 0.58, 0.70])
+_AMBIENT = 0.4  # of the brightness that a face has which looks away from the light
+_MARGIN = 0.06  # of a frame's larger edge
+_WIDE = 420  # pixels of a frame
+_FLATTEST, _TALLEST = 0.45, 1.3  # height of a frame over its width
+_CLOSER = 0.6  # frames of their own are drawn where most need less than this of the common one
+_TILES = 12.0  # across a frame, about
+_TILE_COLOURS = np.array([[0.95, 0.95, 0.94], [0.905, 0.905, 0.895]])
+_SHADOW = np.array([0.70, 0.70, 0.70])
+_LIFT = 1e-4  # of a frame, that shadows lie above their plane
+_LEVEL = 0.5  # cosine between a plane's normal and upward: steeper planes get no shadows
+_MOST_NAMED = 8  # bodies whose colours are explained
+# Of bodies that move: Paul Tol's "bright" and "muted" schemes, which the colour-blind can read.
+_PALETTE = np.array(
+    [
+        [0x44, 0x77, 0xAA],
+        [0xEE, 0x66, 0x77],
+        [0x22, 0x88, 0x33],
+        [0xCC, 0xBB, 0x44],
+        [0x66, 0xCC, 0xEE],
+        [0xAA, 0x33, 0x77],
+        [0xDD, 0xCC, 0x77],
+        [0x33, 0x22, 0x88],
+        [0x88, 0xCC, 0xEE],
+        [0xCC, 0x66, 0x77],
+        [0x44, 0xAA, 0x99],
+        [0x99, 0x99, 0x33],
+    ]
+) / np.float64(255)
 
 
 @in_default_style
-def contact_sheet(scene: Scene, contacts: Contacts, sound: Sound, *, seconds: float) -> Figure:
-    """Draw a scene at twelve moments, and the spectrogram of its sound.
+def contact_sheet(events: Events, sound: Sound, *, seconds: float) -> Figure:
+    """Draw a scene at the start, at its largest blows and between them, above its spectrogram.
+
+    Planes are drawn as tiled floors, and every body is within each picture.
 
     Parameters
     ----------
-    scene : Scene
-        Its bodies where they move.
-    contacts : Contacts
-        Counted between one moment and the next.
+    events : Events
+        With a scene whose bodies are where they move.
     sound : Sound
     seconds : float
         How long the bodies move, s.
@@ -51,33 +79,100 @@ def contact_sheet(scene: Scene, contacts: Contacts, sound: Sound, *, seconds: fl
     """
     from matplotlib.figure import Figure
 
-    shown = [body for body in scene.bodies.values() if body.model.geometry is not None]
+    shown = _shown(events.scene.bodies)
     if not shown:
         raise OptionError("no body of the scene has a surface: there is nothing to draw")
-    times = np.linspace(0.0, seconds, _MOMENTS)
+    planes = [body for body in events.scene.bodies.values() if _is_plane(body)]
     view = _view()
-    low, high = _window(shown, contacts, view)
-    surfaces = [_drawn(body, float(np.max(high - low)) / _FINEST) for body in shown]
-    figure = Figure(figsize=(13, 11.5), layout="constrained")
-    upper, lower = figure.subfigures(2, 1, squeeze=False, height_ratios=(3, 1.1)).flat
-    panels = upper.subplots(_MOMENTS // _ACROSS, _ACROSS).ravel()
-    before = -1.0
-    for axes, time in zip(panels, times, strict=True):
-        _paint(axes, shown, surfaces, float(time), view)
-        frame(axes, low, high)
-        rows = (np.asarray(contacts.time) > before) & (np.asarray(contacts.time) <= time)
-        pushed = float(np.linalg.norm(np.asarray(contacts.impulse)[rows], axis=1).sum())
-        axes.set_title(f"{time:.2f} s", fontsize=10)
-        axes.text(
-            0.5, 0.0, f"{pushed:.3g} N s since", transform=axes.transAxes, ha="center", fontsize=8
-        )
-        before = float(time)
+    moments = moments_of(events, seconds)
+    boxes = np.array([_box(shown, moment.time, view) for moment in moments])
+    windows = _windows(boxes)
+    shape = float(np.ptp(windows[0], axis=0)[1] / np.ptp(windows[0], axis=0)[0])
+    tile = _round(float(np.median(np.ptp(windows, axis=1)[:, 0])) / _TILES)
+    across = min(_ACROSS, len(moments))
+    rows = -(-len(moments) // across)
+    high = rows * (13 / _ACROSS * shape + 0.4) + 0.6
+    figure = Figure(figsize=(13, high + 3.4), layout="constrained")
+    upper, lower = figure.subfigures(2, 1, squeeze=False, height_ratios=(high, 3.4)).flat
+    figure.get_layout_engine().set(h_pad=0.08)  # type: ignore[union-attr, call-arg]
+    panels = list(upper.subplots(rows, across, squeeze=False).flat)
+    for axes, moment, window in zip(panels, moments, windows, strict=False):
+        pixel = float(np.ptp(window, axis=0)[0]) / _WIDE
+        image = DepthImage(low=window[0], pixel=pixel, width=_WIDE, height=round(_WIDE * shape))
+        for plane in planes:
+            _add_plane(image, plane, shown, moment.time, view, tile)
+        for number, thing in enumerate(shown):
+            thing.add(image, number, moment.time, view)
+        _show(axes, image, window, f"{moment.time:.2f} s", moment.caption)
+    for axes in panels[len(moments) :]:
+        axes.set_axis_off()
+    _explain(upper, shown, planes, tile)
     axes = lower.subplots()
     clock, frequencies, powers, strongest = powers_in_time(sound, _LOWEST)
     levels = 10 * np.log10(np.maximum(powers / max(strongest, 1e-300), 1e-20))
     draw_spectrogram(axes, clock, frequencies, levels)
-    axes.set(ylabel="frequency (Hz)", xlabel="time (s)")
+    for moment in moments[1:]:
+        axes.axvline(moment.time, color="white", linewidth=0.5, alpha=0.5)
+    axes.set(ylabel="frequency (Hz)", xlabel="time (s); white lines: the pictures above")
     return figure
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Thing:
+    """A body as it is drawn."""
+
+    name: str
+    body: Body
+    corners: Array  # (F, 3, 3), in its coordinates, m
+    colour: Array  # (3,)
+
+    def placed(self, time: float) -> Array:
+        """Return its triangles in the scene at a time, m (F, 3, 3)."""
+        place, turn = course_of(self.body, np.array([time]))
+        return self.corners @ turn[0].T + place[0]
+
+    def add(self, image: DepthImage, number: int, time: float, view: Array) -> None:
+        """Draw it into an image."""
+        seen = self.placed(time) @ view.T
+        normals = np.cross(seen[:, 1] - seen[:, 0], seen[:, 2] - seen[:, 0])
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+        light = _AMBIENT + (1 - _AMBIENT) * (0.5 + 0.5 * normals @ _LIGHT)
+        image.add_triangles(seen, light[:, None] * self.colour, number)
+
+
+def _shown(bodies: Mapping[str, Body]) -> list[_Thing]:
+    """Return the bodies with a surface; those that move have colours of their own."""
+    things, moving = [], 0
+    for name, body in bodies.items():
+        corners = _corners(body)
+        if corners is None:
+            continue
+        colour = np.asarray(COLOURS[group_of(body)])
+        if body.moves:
+            colour = _PALETTE[moving % len(_PALETTE)]
+            moving += 1
+        things.append(_Thing(name=name, body=body, corners=corners, colour=colour))
+    return things
+
+
+def _corners(body: Body) -> Array | None:
+    """Return the triangles of a body (F, 3, 3), not too many; None of a body without a surface."""
+    surface = body.model.geometry
+    if surface is None:
+        return None
+    points, faces = surface.points, surface.faces
+    if len(faces) > _MOST_FACES:
+        import igl
+
+        made = igl.decimate(np.asfortranarray(points), np.asfortranarray(faces), _MOST_FACES)
+        fewer = np.asarray(made[1], np.int64)
+        if len(fewer):  # else it is no manifold, and drawn whole
+            points, faces = np.asarray(made[0], np.float64), fewer
+    return points[faces]
+
+
+def _is_plane(body: Body) -> bool:
+    return isinstance(body.model, RigidBody) and body.model.plane
 
 
 def _view() -> Array:
@@ -89,61 +184,81 @@ def _view() -> Array:
     return np.stack([right, np.cross(toward, right), toward])
 
 
-def _window(bodies: Sequence[Body], contacts: Contacts, view: Array) -> tuple[Array, Array]:
-    """Return the corners (2,) of the view: the places where bodies begin and where they touch."""
-    moving = [body for body in bodies if body.moves] or list(bodies)
-    corners = [np.asarray(contacts.position)]
-    for body in moving:
-        box = _geometry(body).bounds
-        grid = np.stack(np.meshgrid(*box.T, indexing="ij"), axis=-1).reshape(-1, 3)
-        place, turn = course_of(body, np.zeros(1))
-        corners.append(grid @ turn[0].T + place[0])
-    flat = np.concatenate(corners) @ view[:2].T
-    margin = 0.08 * np.ptp(flat, axis=0).max()
-    return flat.min(axis=0) - margin, flat.max(axis=0) + margin
+def _box(shown: Sequence[_Thing], time: float, view: Array) -> Array:
+    """Return the corners (2, 2) of the rectangle that holds all bodies at a time."""
+    flat = [thing.placed(time).reshape(-1, 3) @ view[:2].T for thing in shown]
+    low, high = (
+        np.min([each.min(axis=0) for each in flat], axis=0),
+        np.max([each.max(axis=0) for each in flat], axis=0),
+    )
+    return np.stack([low, high])
 
 
-def _geometry(body: Body) -> Mesh:
-    surface = body.model.geometry
-    if surface is None:
-        raise OptionError("the body has no surface: there is nothing to draw")
-    return surface
+def _windows(boxes: Array) -> Array:
+    """Return what each picture shows (N, 2, 2), all of one shape, round what is in it.
+
+    It is the same for all, unless a body that goes far away makes most of them small by that.
+    """
+    whole = np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+    sizes = np.ptp(boxes, axis=1)
+    if np.median(sizes.max(axis=1)) > _CLOSER * np.ptp(whole, axis=0).max():
+        boxes = np.repeat(whole[None], len(boxes), axis=0)
+    sizes = np.ptp(boxes, axis=1)
+    sizes = sizes + 2 * _MARGIN * sizes.max(axis=1, keepdims=True)
+    shape = float(np.clip(np.median(sizes[:, 1] / sizes[:, 0]), _FLATTEST, _TALLEST))
+    width = np.maximum(sizes[:, 0], sizes[:, 1] / shape)
+    half = np.stack([width, width * shape], axis=1) / 2
+    middles = boxes.mean(axis=1)
+    return np.stack([middles - half, middles + half], axis=1)
 
 
-def _drawn(body: Body, edge: float) -> tuple[Array, Array]:
-    """Return triangles (F, 3, 3) no longer than an edge, m, and their normals (F, 3)."""
-    import igl
-    import trimesh
-
-    surface = _geometry(body)
-    points, faces = surface.points, surface.faces
-    if len(faces) > _MOST_FACES:
-        found = igl.decimate(np.asfortranarray(points), np.asfortranarray(faces), _MOST_FACES)
-        left = np.asarray(found[1], np.int64)
-        if len(left):
-            points, faces = np.asarray(found[0], np.float64), left
-    fine = max(edge, surface.extent / 60)
-    divided = trimesh.remesh.subdivide_to_size(points, faces, fine, max_iter=12)
-    corners = np.asarray(divided[0], np.float64)[np.asarray(divided[1], np.int64)]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return corners, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+def _round(length: float) -> float:
+    """Return 1, 2 or 5 times a power of ten near a length."""
+    power = 10.0 ** np.floor(np.log10(length))
+    return float(power * min((1, 2, 5, 10), key=lambda times: abs(np.log(times * power / length))))
 
 
-def _paint(
-    axes: Axes,
-    bodies: Sequence[Body],
-    surfaces: Sequence[tuple[Array, Array]],
-    time: float,
-    view: Array,
+def _add_plane(
+    image: DepthImage, plane: Body, shown: Sequence[_Thing], time: float, view: Array, tile: float
 ) -> None:
-    """Draw all bodies at a time, farthest triangles first."""
-    places, colours = [], []
-    for body, (corners, normals) in zip(bodies, surfaces, strict=True):
-        origin, turn = course_of(body, np.array([time]))
-        places.append((corners @ turn[0].T + origin[0]) @ view.T)
-        light = 0.5 + 0.5 * (normals @ turn[0].T @ view.T @ _LIGHT)
-        base = np.asarray(COLOURS[group_of(body)])
-        colours.append(np.clip(base * (0.35 + 0.65 * light[:, None]), 0, 1))
-    triangles, shades = np.concatenate(places), np.concatenate(colours)
-    order = facing(triangles)
-    shade(axes, triangles[order, :, :2], np.repeat(shades[order], 3, axis=0))
+    """Draw a plane, and the shadows of bodies above it."""
+    place, turn = course_of(plane, np.array([time]))
+    origin, axes = place[0], turn[0].T  # rows: the plane's own directions in the scene
+    image.add_plane(view @ origin, axes @ view.T, tile, *_TILE_COLOURS)
+    normal = axes[2]
+    if normal[2] < _LEVEL:
+        return
+    lift = _LIFT * image.width * image.pixel
+    for thing in shown:
+        corners = thing.placed(time)
+        heights = (corners - origin) @ normal
+        above = (heights > 0).all(axis=1)
+        flat = corners[above] - (heights[above] - lift)[:, :, None] * normal
+        colours = np.broadcast_to(_SHADOW, (len(flat), 3))
+        image.add_triangles(flat @ view.T, colours, GROUND)
+
+
+def _show(axes: Axes, image: DepthImage, window: Array, title: str, caption: str) -> None:
+    (left, low), (right, high) = window.tolist()
+    axes.imshow(image.image(), origin="lower", extent=(left, right, low, high))
+    axes.set(xticks=[], yticks=[])
+    axes.spines[:].set(color="#bbbbbb", linewidth=0.6)
+    text = f"{title}: {plain(caption)}" if caption else title
+    axes.set_title(text, fontsize=9, pad=4)
+
+
+def _explain(figure: object, shown: Sequence[_Thing], planes: Sequence[Body], tile: float) -> None:
+    """Say which colour is which body, and how large the tiles of a floor are."""
+    from matplotlib.patches import Patch
+
+    moving = [thing for thing in shown if thing.body.moves]
+    keys = [Patch(color=thing.colour.tolist(), label=plain(thing.name)) for thing in moving]
+    keys = keys if len(keys) <= _MOST_NAMED else []
+    if planes:
+        size = f"{tile:g} m" if tile >= 1 else f"{100 * tile:g} cm"
+        label = f"floor: tiles of {size}"
+        keys.append(Patch(facecolor=_TILE_COLOURS[1].tolist(), edgecolor=FAINT, label=label))
+    if keys:
+        figure.legend(  # type: ignore[attr-defined]
+            handles=keys, loc="outside lower center", ncols=len(keys), fontsize=8, frameon=False
+        )

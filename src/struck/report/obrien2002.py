@@ -220,7 +220,7 @@ def _saved(played: Played, folder: Path, *, stems: bool = False) -> list[Path]:
     save_contacts(played.contacts, base.with_suffix(".npz"))
     save_animation(played.scene, base.with_suffix(".glb"), seconds=seconds)
     first = next(iter(played.sounds.values()))
-    sheet = contact_sheet(played.scene, played.contacts, first, seconds=seconds)
+    sheet = contact_sheet(events_of(played.scene, played.contacts), first, seconds=seconds)
     save_picture(sheet, base.with_suffix(".png"))
     return paths
 

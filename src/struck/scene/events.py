@@ -142,7 +142,9 @@ class Events:
                 "sound: give one a ModalModel, or a material in a simulation"
             )
         if not len(self.contacts):
-            return "silence: the log has no contacts"
+            infer = "; struck.scene.infer_contacts finds those of a motion"
+            known = self.contacts.poses is not None
+            return f"silence: the log has no contacts{infer if known else ''}"
         return (
             f"silence: no blow that counts in {rows} of contacts, and nothing slides or rolls: a "
             "load at rest makes no sound"
@@ -312,8 +314,6 @@ def _stands(scene: Scene, contacts: Contacts) -> Mask:
 def _unposed(contacts: Contacts) -> Sequence[str]:
     """Return notes of contacts at times for which the log has no poses of their bodies."""
     notes, poses = [], contacts.poses
-    if poses is not None and not len(contacts):
-        notes.append("the log has poses and no contacts: struck.scene.infer_contacts finds them")
     for number, name in enumerate(contacts.names if poses is not None else ()):
         times = np.zeros(0) if poses is None else poses.of(number)[0]
         mine = contacts.time[(contacts.body0 == number) | (contacts.body1 == number)]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
+QUOTED = "'{}'"  # form of names within a sentence
 _MOST_NAMES = 6  # in one line; more are counted
 _SHORTEST_RUN = 3  # of numbered names in a row that are written "c0 to c3"
 _NUMBERED = re.compile(r"(.*?)(\d+)")
@@ -34,7 +35,7 @@ def of_several(text: str) -> str:
 def listed(names: Sequence[str], form: str = "{}") -> str:
     """Return names as words: "a, b and c", numbered ones as "c0 to c3", more than six counted.
 
-    `form` is how a single name is written, such as "'{}'".
+    `form` is how a single name is written, such as `QUOTED`.
     """
     parts: list[str] = []
     counts: list[int] = []

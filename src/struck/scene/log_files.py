@@ -1,8 +1,9 @@
 """Contact logs as files: CSV, JSON lines and npz, simple enough for a writer of ten lines.
 
-CSV has a line of column names and a line for each contact. Bodies are named by text; `time`,
-`body0`, `body1`, `position_x` to `_z` and `impulse_x` to `_z` must be there, `dt`, `normal_x` to
-`_z`, `velocity_x` to `_z` and `id` may. Poses stand in the same file: lines that have `body` in
+CSV has a line of column names and a line for each contact. Cells are separated by commas,
+semicolons or tabs; with the latter two numbers may have decimal commas. Bodies are named by text;
+`time`, `body0`, `body1`, `position_x` to `_z` and `impulse_x` to `_z` must be there, `dt`,
+`normal_x` to `_z`, `velocity_x` to `_z` and `id` may. Poses stand in the same file: lines that have `body` in
 place of `body0` and `body1`, with `position_x` to `_z` and `rotation_w` to `_z`. Lines that begin
 with # are comments; ``# length: mm`` says in which unit lengths are.
 
@@ -41,6 +42,7 @@ _WIDTHS: Mapping[str, Sequence[str]] = {**dict.fromkeys(_VECTORS, _AXES), "rotat
 _IN_METRES = ("position", "velocity")  # what a unit of length changes
 _COLUMNS = ("time", "dt", "body0", "body1", *_VECTORS, "id", "body", "rotation")
 _MOST_SHOWN = 5
+_DECIMAL_COMMA = re.compile(r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$")
 
 
 @checked
@@ -121,6 +123,7 @@ Line = tuple[int, Mapping[str, Any]]
 def _csv_lines(text: str) -> Iterator[Line]:
     """Yield the number and the columns of each line, and the text of comments."""
     columns: Sequence[str] = ()
+    between = ","
     for number, line in enumerate(text.splitlines(), start=1):
         if line.lstrip().startswith("#"):
             key, _, value = line.lstrip("# ").partition(":")
@@ -129,11 +132,15 @@ def _csv_lines(text: str) -> Iterator[Line]:
             elif key.strip() == "names":
                 yield number, {"names": json.loads(value)}
             continue
-        cells = next(csv.reader([line]), [])
+        if not columns:
+            between = next((each for each in ";\t" if each in line and "," not in line), ",")
+        cells = [cell.strip() for cell in next(csv.reader([line], delimiter=between), [])]
         if not any(cells):
             continue
+        if between != ",":
+            cells = [_DECIMAL_COMMA.sub(r"\1.\2", cell) for cell in cells]
         if not columns:
-            columns = [each.strip() for each in cells]
+            columns = cells
             _require_axes(columns)
         elif len(cells) != len(columns):
             raise ValueError(f"line {number} has {len(cells)} cells, and there are {len(columns)}")
@@ -163,7 +170,7 @@ def _gathered(columns: Sequence[str], cells: Sequence[str]) -> Mapping[str, Any]
         if axis in axes:
             found.setdefault(name, [""] * len(axes))[axes.index(axis)] = cell
         else:
-            found[column] = cell.strip()
+            found[column] = cell
     return found
 
 

@@ -78,7 +78,7 @@ def render(
     """Return the sound of bodies at a listener (see `struck.render`)."""
     # p(t) = sum_n Im[g_n exp((-d_n + 2 pi i f_n) t)] answers a unit impulse. Half-sine strikes at
     # points are convolved with it in closed form (`struck.synth.ring_down`).
-    _require_bounds(seconds, sample_rate)
+    require_length(seconds, sample_rate)
     model, lost = with_fewer_modes(model, modes)
     told: tuple[str, ...] = ()
     logged = hasattr(excitations, "body0")
@@ -215,7 +215,8 @@ def _listener_of(listener: Listener | ArrayLike | None) -> Listener:
     return Mono(position=tuple(position_of(listener).tolist()))
 
 
-def _require_bounds(seconds: float | None, sample_rate: int) -> None:
+def require_length(seconds: float | None, sample_rate: int) -> None:
+    """Refuse lengths, s, and sample rates, Hz, that no sound has."""
     if seconds is not None:
         wanted = "it must lie above 0 and at most at 3600"
         require_number("seconds", seconds, 0, LONGEST_SOUND, above=True, wanted=wanted)

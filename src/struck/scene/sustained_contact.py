@@ -105,6 +105,11 @@ class SustainedContact:
         return [np.linalg.norm(sweep, axis=1) for sweep in self.sweeps]
 
     @property
+    def rolls(self) -> bool:
+        """Whether the contact moves over both bodies about alike, as that of a wheel does."""
+        return _rolling(self.sweeps)
+
+    @property
     def ways(self) -> Sequence[Array]:
         """Where on the roughness of each body it is, m (S, 3).
 
@@ -302,13 +307,16 @@ def _one(
     places = contacts.position[rows]
     partners = track.partners(places, None if contacts.id is None else contacts.id[rows])
     sides = [frame.in_body(places, step) for frame in frames]
-    sweeps = [track.sweep(points, partners, fastest, times) for points in sides]
+    normals = contacts.normal[rows] * pair.sign[mine, None]
+    turned = [frame.turned(normals, step) for frame in frames]
+    sweeps = [
+        track.sweep(points, directions, partners, fastest, times)
+        for points, directions in zip(sides, turned, strict=True)
+    ]
     if not any(sweep.any() for sweep in sweeps):
         return None
     load = np.zeros(len(moments))
     load[step] = touches.load[mine]
-    normals = contacts.normal[rows] * pair.sign[mine, None]
-    turned = [frame.turned(normals, step) for frame in frames]
     return SustainedContact(
         first=pair.first,
         second=pair.second,
@@ -378,11 +386,18 @@ class _Track:
         apart, partner = cKDTree(keys).query(shifted, distance_upper_bound=2 * size)
         return np.where(np.isfinite(apart), partner, -1)
 
-    def sweep(self, points: Array, partners: Index, fastest: Array, times: Array) -> Array:
+    def sweep(
+        self, points: Array, normals: Array, partners: Index, fastest: Array, times: Array
+    ) -> Array:
         """Return how fast the contact moves over a body, in its coordinates, m/s (S, 3)."""
         rows = np.flatnonzero(partners >= 0)
         gap = self.moments[self.step[partners[rows]]] - self.moments[self.step[rows]]
         speeds = (points[partners[rows]] - points[rows]) / gap[:, None]
+        # Along the normal a soft solver lets bodies sink into each other: that sweeps nothing. A
+        # chord of a round surface is at right angles to the mean of its normals there.
+        upright = _unit(normals[rows] + normals[partners[rows]])
+        along = np.einsum("kd,kd->k", speeds, upright)
+        speeds = speeds - along[:, None] * upright
         same = np.linalg.norm(speeds, axis=1) <= _LEAP * fastest[self.step[rows]] + _SLACK
         rows, speeds = rows[same], speeds[same]
         known: Array = np.zeros(len(self.moments))
@@ -435,13 +450,18 @@ def _unit(vectors: Array) -> Array:
     return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
 
 
+def _rolling(sweeps: Sequence[Array]) -> bool:
+    """Return whether the slower of two sweeps (S, 3) is about as fast as the other one."""
+    least, most = sorted(float(np.linalg.norm(sweep, axis=1).mean()) for sweep in sweeps)
+    return least > _ROLLS * most
+
+
 def _rubbed(bodies: Sequence[Body], sweeps: Sequence[Array]) -> Sequence[Rubbed]:
     """Return the roughness of each body as a sliding tip or a rolling body feels it."""
     known = [material_of(body.model) for body in bodies]
     solids = [material for material in known if material is not None]
-    least, most = sorted(float(np.linalg.norm(sweep, axis=1).mean()) for sweep in sweeps)
     extents = [b.model.geometry.extent for b in bodies if b.model.geometry is not None]
-    rolls = least > _ROLLS * most
+    rolls = _rolling(sweeps)
     return [
         Rubbed(
             roughness=finish(body.roughness or _usual(material_of(body.model))),

@@ -72,6 +72,7 @@ class Link:
     placement: Placement  # of the shape's coordinates in the frame
     material: str  # the file's name for what it is made of
     why_silent: str = ""
+    plane: bool = False  # whether it is a plane, that of z = 0 of its placement
 
 
 def links_of(model: mujoco.MjModel) -> list[Link]:
@@ -126,6 +127,7 @@ def _link(model: mujoco.MjModel, name: str, frame: int, geoms: Index, *, is_body
         placement=placement,
         material=material,
         why_silent=why,
+        plane=len(sounding) == 1 and model.geom_type[sounding[0]] == _PLANE,
     )
 
 

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from struck.analysis.cached_steps import Stages
-from struck.errors import ArgumentError, SimulationError, require_choice
+from struck.errors import ArgumentError, SimulationError, counted, require_choice
 from struck.files.cache import opened
 from struck.model.arrays import checked, refuse_names, require_number
 from struck.model.model import ModalModel
 from struck.model.provenance import Progress, silent
-from struck.scene.body import Body, Scene, material_of
+from struck.scene.body import Body, Scene
 from struck.scene.contacts import Contacts
 from struck.scene.engines.convex_parts import cut
 from struck.scene.engines.explosion import dead, free_masses, overlaps, require_no_blast
@@ -28,6 +28,7 @@ from struck.scene.engines.mujoco import MujocoEngine
 from struck.scene.engines.restitution import ContactLaws, PairValues
 from struck.scene.engines.scene_file import SceneFile, mujoco_itself
 from struck.scene.engines.sound_sources import SoundOptions, SoundSources, model_mass
+from struck.scene.gathered_notes import QUOTED, listed
 
 if TYPE_CHECKING:
     import mujoco
@@ -148,32 +149,35 @@ class Simulation:
         restitution: PairValues | None,
         friction: PairValues | None,
     ) -> None:
-        """Analyze the bodies, and give the engine their masses, hulls and laws of contact."""
+        """Check the scene, analyze its bodies, and give the engine masses, hulls and laws."""
+        # All that can be wrong without a mode is found before the first one is computed.
         model = _compiled(spec)
         links = links_of(model)
-        bodies = self._sources.bodies(links, [mass_properties(model, link) for link in links])
-        told = [*notes, *self._sources.notes, *_give_masses(spec, model, links, bodies)]
+        materials = self._sources.prepare(links)
+        laws = ContactLaws(materials=materials, restitution=restitution, friction=friction)
+        hulls = []
         if self._convex == "parts":
-            told += cut(spec, model, self._stages)
+            hulls = cut(spec, model, self._stages)
         elif not model.nmesh:
-            told.append("convex='hull' changes nothing: no body is a mesh")
-        self._laws = ContactLaws(
-            materials={name: material_of(body.model) for name, body in bodies.items()},
-            restitution=restitution,
-            friction=friction,
-        )
-        told += self._laws.notes
-        model = _compiled(spec)
-        if self._engine == "mujoco" and self._laws.any_given:
-            self._laws.give(spec, model, links_of(model))
-            model = _compiled(spec)
-        self.model, self._links = model, links_of(model)
-        self._masses = free_masses(model, self._links)
-        start = MujocoEngine(model, self._links, self._keyframe)
-        told += overlaps(model, start.data, self._links)
+            hulls = ["convex='hull' changes nothing: no body is a mesh"]
+        whole = _compiled(spec)
+        if self._engine == "mujoco" and laws.any_given:
+            laws.give(spec, whole, links_of(whole))
+            whole = _compiled(spec)
+        parts = links_of(whole)
+        overlapping = overlaps(whole, MujocoEngine(whole, parts, self._keyframe).data, parts)
+        self._laws, self.model, self._links = laws, whole, parts
+        self.started()  # the engine refuses what it cannot move
+
+        bodies = self._sources.bodies(links, [mass_properties(model, link) for link in links])
+        masses = _give_masses(spec, model, links, bodies)
+        self.model = _compiled(spec)
+        self._links = links_of(self.model)
+        self._masses = free_masses(self.model, self._links)
+        start = MujocoEngine(self.model, self._links, self._keyframe)
         start.recorder.place(start.data)
-        self.notes = tuple(told)
-        scene = Scene(bodies=bodies, gravity=model.opt.gravity, notes=self.notes)
+        self.notes = (*notes, *self._sources.notes, *masses, *hulls, *laws.notes, *overlapping)
+        scene = Scene(bodies=bodies, gravity=self.model.opt.gravity, notes=self.notes)
         self.scene = scene.posed(start.contacts())
 
     def started(self) -> MujocoEngine | RapierEngine:
@@ -271,8 +275,8 @@ def _compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
 def _give_masses(
     spec: mujoco.MjSpec, model: mujoco.MjModel, links: Sequence[Link], bodies: Mapping[str, Body]
 ) -> list[str]:
-    """Give bodies the mass of their finite elements where the file gives none; return notes."""
-    notes = []
+    """Give bodies the mass of their finite elements where the file gives none; return a note."""
+    given: dict[str, float] = {}
     for link in links:
         sound = bodies[link.name].model
         mass = model_mass(sound) if isinstance(sound, ModalModel) else None
@@ -289,5 +293,17 @@ def _give_masses(
         own = mass.seen_from(link.placement)
         body.explicitinertial, body.mass, body.ipos = True, own.mass, own.centre
         body.fullinertia = own.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-        notes.append(f"{link.name!r} weighs {own.mass:.3g} kg, as its elements do")
-    return notes
+        given[link.name] = own.mass
+    return _masses_in_words(given)
+
+
+def _masses_in_words(masses: Mapping[str, float]) -> list[str]:
+    """Return a note of the masses that finite elements have given to bodies."""
+    if not masses:
+        return []
+    names = listed(list(masses), QUOTED)
+    if len(masses) == 1:
+        return [f"{names} weighs {mass:.3g} kg, as its elements do" for mass in masses.values()]
+    least, most = f"{min(masses.values()):.3g}", f"{max(masses.values()):.3g}"
+    each = f"{most} kg each" if least == most else f"{least} to {most} kg"
+    return [f"{counted(len(masses), 'body')} weigh {each}, as their elements do: {names}"]

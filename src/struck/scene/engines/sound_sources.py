@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from fnmatch import fnmatchcase
@@ -17,8 +17,10 @@ from struck.analysis.cached_steps import fingerprint
 from struck.analysis.discretisation import Solid
 from struck.analysis.source_options import applicable
 from struck.errors import MaterialError, OptionError, StruckError, nearest
+from struck.excitation.roughness import finish
+from struck.files.atomic import require_readable
 from struck.files.model_file import load_model
-from struck.model.arrays import Array, checked
+from struck.model.arrays import Array, checked, require_number
 from struck.model.damping import Band
 from struck.model.material import Material, require_damping
 from struck.model.mesh import Mesh
@@ -26,6 +28,7 @@ from struck.model.model import ModalModel
 from struck.model.provenance import Progress, silent
 from struck.scene.body import Body, RigidBody
 from struck.scene.engines.links import Link, MassProperties
+from struck.scene.gathered_notes import QUOTED, listed, of_several
 from struck.solids.resolution import level
 
 if TYPE_CHECKING:
@@ -81,30 +84,78 @@ class SoundOptions:
                         "out, or give a mesh in models="
                     )
 
+    def require_possible(self) -> None:
+        """Refuse unknown materials, surfaces, accuracies and damping, and impossible walls."""
+        level(self.accuracy)
+        require_damping(self.damping)
+        named = self.materials if isinstance(self.materials, Mapping) else {"*": self.materials}
+        for material in named.values():
+            if isinstance(material, str):
+                Material.named(material)
+        for surface in (self.roughness or {}).values():
+            finish(surface)
+        for pattern, wall in (self.walls or {}).items():
+            require_number(
+                f"wall of {pattern!r}", wall, 0.0, above=True, wanted="it must exceed 0 m"
+            )
+
 
 class SoundSources:
     """Models of the sound of links, each shape and material analyzed once."""
 
     def __init__(self, options: SoundOptions) -> None:
-        self.notes: list[str] = []
         self._options = options
         self._made: dict[str, ModalModel | str] = {}
+        self._materials: dict[str, Material | None] = {}
+        self._finished: dict[str, ModalModel] = {}
+        self._silent: dict[str, list[str]] = {}  # names of bodies by the reason
+        self._remarks: list[str] = []
+
+    @property
+    def notes(self) -> list[str]:
+        """Reasons for silent bodies, a line for each reason, and other remarks."""
+        return [*self._remarks, *self._reasons()]
+
+    def _reasons(self) -> Iterator[str]:
+        for reason, names in self._silent.items():
+            several = len(names) > 1
+            verb = "are" if several else "is"
+            text = of_several(reason) if several else reason
+            yield f"{listed(names, QUOTED)} {verb} silent: {text}"
+
+    def prepare(self, links: Sequence[Link]) -> Mapping[str, Material | None]:
+        """Check all options against the bodies, and return what each body is made of.
+
+        No mode is computed here; finished models are loaded.
+        """
+        options = self._options
+        options.require_known([link.name for link in links])
+        options.require_possible()
+        for link in links:
+            given = _chosen(options.models, link.name)
+            material = self._material(link)
+            if _is_finished(given) and not self._is_mute(link.name):
+                model = given if isinstance(given, ModalModel) else load_model(given)
+                self._finished[link.name], material = model, model.material
+            elif isinstance(given, str | os.PathLike):
+                require_readable(given)
+            self._materials[link.name] = material
+        return self._materials
 
     def bodies(
         self, links: Sequence[Link], masses: Sequence[MassProperties | None]
     ) -> dict[str, Body]:
         """Return a body for each link; `notes` gives the reason for each silent one."""
         options = self._options
-        options.require_known([link.name for link in links])
-        level(options.accuracy)
-        require_damping(options.damping)
+        if not self._materials:
+            self.prepare(links)
         bodies = {}
         for number, (link, mass) in enumerate(zip(links, masses, strict=True)):
             options.progress(f"computing the modes of {link.name}", number / len(links))
-            material = self._material(link)
-            model, why = self._model(link, material)
-            if why:
-                self.notes.append(f"{link.name!r} is silent: {why}")
+            material = self._materials[link.name]
+            model, reason = self._model(link, material)
+            if reason:
+                self._silent.setdefault(reason, []).append(link.name)
             bodies[link.name] = Body(
                 model=model or _rigid(link, material, mass),
                 fixed=link.fixed,
@@ -114,8 +165,11 @@ class SoundSources:
             usual = {each.name: each.default for each in fields(SoundOptions)}
             for name in ("accuracy", "damping", "band"):
                 if (value := getattr(options, name)) != usual[name]:
-                    self.notes.append(f"{name}={value!r} changes nothing: no body is analyzed")
+                    self._remarks.append(f"{name}={value!r} changes nothing: no body is analyzed")
         return bodies
+
+    def _is_mute(self, name: str) -> bool:
+        return any(fnmatchcase(name, pattern) for pattern in self._options.mute)
 
     def material(self, name: str) -> Material | None:
         """Return the material that the options give a body, or None."""
@@ -126,6 +180,7 @@ class SoundSources:
         return self._named(chosen)
 
     def _material(self, link: Link) -> Material | None:
+        """Return what a body is made of by the options, or else by the file."""
         said = self.material(link.name)
         if said is not None or not link.material:
             return said
@@ -140,17 +195,18 @@ class SoundSources:
         with suppress(MaterialError):
             return Material.named(name, damping)
         note = f"{own.name} has no set {damping!r}: it rings by its own damping"
-        self.notes += [note] * (note not in self.notes)
+        self._remarks += [note] * (note not in self._remarks)
         return own
 
     def _model(self, link: Link, material: Material | None) -> tuple[ModalModel | None, str]:
         """Return the model of a link's sound, or why there is none."""
-        if any(fnmatchcase(link.name, pattern) for pattern in self._options.mute):
+        if self._is_mute(link.name):
             return None, "mute= says so"
+        if link.name in self._finished:
+            return self._finished[link.name], ""
         given = _chosen(self._options.models, link.name)
-        if _is_finished(given):
-            return (given if isinstance(given, ModalModel) else load_model(given)), ""
-        shape = given or link.shape
+        shape = None if _is_finished(given) else given
+        shape = shape or link.shape
         if shape is None:
             return None, f"{link.why_silent}; name a shape with models="
         if material is None:
@@ -205,7 +261,7 @@ def _rigid(link: Link, material: Material | None, mass: MassProperties | None) -
     if isinstance(shape, Solid):
         shape = shape.volume_mesh("preview").surface()[0]
     if mass is None or link.fixed:
-        return RigidBody(geometry=shape, material=material)
+        return RigidBody(geometry=shape, material=material, plane=link.plane)
     return RigidBody(
         geometry=shape, material=material, mass=mass.mass, centre=mass.centre, inertia=mass.inertia
     )
