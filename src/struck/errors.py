@@ -153,7 +153,7 @@ def require_choice(
 
 def counted(count: SupportsIndex, noun: str) -> str:
     """Return a count with its noun: "1 face", "2 faces", "3 vertices"."""
-    plural = {"vertex": "vertices", "body": "bodies", "patch": "patches"}
+    plural = {"vertex": "vertices", "body": "bodies", "entry": "entries", "patch": "patches"}
     before, space, last = noun.rpartition(" ")
     return f"{count} {before}{space}{last if count == 1 else plural.get(last, f'{last}s')}"
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 
 import pytest
 
@@ -58,20 +60,38 @@ def test_pages_tell_formulas_from_elements_and_which_damping_is_used() -> None:
     assert "by its recoil alone" in origin(struck.analyze(die, "steel", accuracy="preview"))
 
 
+Entry = Callable[..., Iterator[tuple[str, str]]]
+
+
+def entries(names: dict[str, str], *, stops_after: int = 9) -> Entry:
+    """Return a maker of pages by their titles, which is stopped by Ctrl-C after some of them."""
+
+    def make(folder: Path, *_: object) -> Iterator[tuple[str, str]]:
+        for number, (name, title) in enumerate(names.items()):
+            if number == stops_after:
+                raise KeyboardInterrupt
+            (folder / name).write_text(title, encoding="utf-8")
+            yield name, title
+
+    return make
+
+
+@pytest.fixture
+def gallery(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """Return the module with two pages in place of all that takes long."""
+    module = import_module("struck.report.gallery")
+    monkeypatch.setattr(module, "_pages_of_shapes", entries({}))
+    monkeypatch.setattr(module, "_page_of_scenes", entries({"scenes.html": "Scenes"}))
+    monkeypatch.setattr(module, "recording", lambda _folder, _progress: "a drum")
+    monkeypatch.setattr(module, "SOLIDS", ())
+    return module
+
+
+@pytest.mark.usefixtures("gallery")
 def test_demo_leaves_a_list_of_what_it_made(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The command as `make demo OPEN=0` runs it, with two pages in place of all that takes long."""
-
-    def scenes(folder: Path, _progress: object) -> dict[str, str]:
-        (folder / "scenes.html").write_text("scenes", encoding="utf-8")
-        return {"scenes.html": "Scenes"}
-
-    gallery = import_module("struck.report.gallery")
-    monkeypatch.setattr(gallery, "_pages_of_shapes", lambda *_: {})
-    monkeypatch.setattr(gallery, "_page_of_scenes", scenes)
-    monkeypatch.setattr(gallery, "recording", lambda _folder, _progress: "a drum")
-    monkeypatch.setattr(gallery, "SOLIDS", ())
+    """The command as `make demo OPEN=0` runs it."""
     assert main(["demo", "--out", str(tmp_path / "made")]) == 0
     said = capsys.readouterr().out
     assert str(tmp_path / "made" / "list.txt") in said
@@ -79,6 +99,66 @@ def test_demo_leaves_a_list_of_what_it_made(
     listed = (tmp_path / "made" / "list.txt").read_text(encoding="utf-8").splitlines()
     assert listed == sorted({"index.html", "scenes.html", f"{NAME}.html"})
     assert {path.name for path in (tmp_path / "made").iterdir()} == {*listed, "list.txt"}
+    assert "so far" not in (tmp_path / "made" / "index.html").read_text(encoding="utf-8")
+
+
+def test_the_index_is_there_first_and_grows_with_each_entry(
+    tmp_path: Path, gallery: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[str] = []
+
+    def watched(folder: Path, *_: object) -> Iterator[tuple[str, str]]:
+        for name in ("a.html", "b.html"):
+            seen.append((folder / "index.html").read_text(encoding="utf-8"))
+            yield name, f"page {name}"
+        seen.append((folder / "index.html").read_text(encoding="utf-8"))
+
+    monkeypatch.setattr(gallery, "_pages_of_shapes", watched)
+    index = gallery.gallery(tmp_path)
+    for number, page in enumerate(seen):
+        assert page.count('href="') == number
+        assert f"{['0 entries', '1 entry', '2 entries'][number]} made so far: reload" in page
+    assert index.read_text(encoding="utf-8").count('href="') == 4
+
+
+@pytest.mark.parametrize("after", [0, 1, 2])
+def test_a_stopped_demo_leaves_a_page_of_its_finished_entries(
+    after: int, tmp_path: Path, gallery: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pages = {"string.html": "A string", "bar.html": "A bar", "drum.html": "A drum"}
+    monkeypatch.setattr(gallery, "_pages_of_shapes", entries(pages, stops_after=after))
+    with pytest.raises(KeyboardInterrupt):
+        gallery.gallery(tmp_path)
+    index = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert index.endswith("</html>\n")
+    assert re.findall('href="(.*?)"', index) == list(pages)[:after]
+    assert all((tmp_path / name).is_file() for name in re.findall('href="(.*?)"', index))
+    listed = (tmp_path / "list.txt").read_text(encoding="utf-8").splitlines()
+    assert listed == sorted(["index.html", *list(pages)[:after]])
+
+
+def test_a_solid_is_on_the_index_as_soon_as_it_is_made(
+    tmp_path: Path, gallery: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Stopped:
+        name = "stopped"
+
+        def exhibit(self, _folder: Path, _progress: object) -> None:
+            raise KeyboardInterrupt
+
+    die = gallery.Piece(
+        name="die",
+        body=lambda: struck.solids.Block(size=(0.012, 0.012, 0.012)),
+        material="steel",
+        sounds=(("steel", struck.Strike(at="top", striker="steel", speed=0.5)),),
+    )
+    monkeypatch.setattr(gallery, "SOLIDS", (die, Stopped()))
+    with pytest.raises(KeyboardInterrupt):
+        gallery.gallery(tmp_path)
+    index = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert index.count("<section>") == 1
+    assert f"<h2>{die.title}</h2>" in index
+    assert "3 entries made so far" in index
 
 
 @pytest.mark.parametrize(("terminal", "display"), [(True, True), (True, False), (False, True)])

@@ -102,9 +102,9 @@ def places_by_key(model: ModalModel) -> dict[str, Place]:
 
 @contextlib.contextmanager
 def terminal_keys() -> Iterator[Keys]:
-    """Yield the keys of the terminal as they are typed, or those of a pipe or a file.
+    """Yield the keys of the terminal, as they are typed, or of a pipe or a file.
 
-    There are none where nothing is connected, as from the null device.
+    No key comes from the null device, or where nothing is connected.
     """
     if sys.stdin is None or not sys.stdin.isatty():
         number = _piped()

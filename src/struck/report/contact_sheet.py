@@ -195,7 +195,7 @@ def _box(shown: Sequence[_Thing], time: float, view: Array) -> Array:
 
 
 def _windows(boxes: Array) -> Array:
-    """Return what each picture shows (N, 2, 2), all of one shape, round what is in it.
+    """Return the corners of each picture (N, 2, 2), all of one shape, about its bodies.
 
     It is the same for all, unless a body that goes far away makes most of them small by that.
     """

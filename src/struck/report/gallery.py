@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from importlib import resources
 from importlib.util import find_spec
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy as np
 from struck.analysis.analysis import BAND, analyze
 from struck.analysis.discretisation import Solid
 from struck.analysis.source_options import applicable
-from struck.errors import FileFormatError, require_choice
+from struck.errors import FileFormatError, counted, require_choice
 from struck.excitation.excitation import Hold
 from struck.excitation.pluck import Pluck
 from struck.excitation.roughness import Profile, Roughness
@@ -35,8 +36,8 @@ from struck.report.charts import overview, spectrogram
 from struck.report.charts import save as save_picture
 from struck.report.figurine import bird, written
 from struck.report.fit_page import report
-from struck.report.model_page import Exhibit, page
-from struck.report.obrien2002 import scenes_page
+from struck.report.model_page import Exhibit, page, page_of, section
+from struck.report.obrien2002 import scene_sections
 from struck.scene.body import Action
 from struck.scene.render import render
 from struck.shapes import (
@@ -392,6 +393,9 @@ LIST = "list.txt"  # of the files that were made
 def gallery(folder: Path, progress: Progress = silent, pieces: Sequence[str] | None = None) -> Path:
     """Compute models, sounds, pictures and pages into a `folder`; return the first page.
 
+    The first page is there from the start and is written again after each entry, so that a stop in
+    between leaves a page with the finished entries.
+
     Parameters
     ----------
     folder : path
@@ -417,38 +421,70 @@ def gallery(folder: Path, progress: Progress = silent, pieces: Sequence[str] | N
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FileFormatError(f"{folder} cannot be made ({error.strerror}): name another") from None
-    links = _pages_of_shapes(folder, progress, chosen)
-    if NAME in chosen:
-        _written(folder / f"{NAME}.html", recording(folder, progress))
-        links[f"{NAME}.html"] = TITLE
-    if _SCENES in chosen:
-        links |= _page_of_scenes(folder, progress)
-    exhibits = [piece.exhibit(folder, progress) for piece in SOLIDS if piece.name in chosen]
-    first = _written(folder / "index.html", page(_TITLE, SOLIDS_INTRODUCTION, exhibits, links))
-    made = sorted(path.name for path in folder.iterdir() if path.name != LIST)
-    _written(folder / LIST, "\n".join(made) + "\n")
-    return first
+    index = _Index(folder=folder)
+    index.write()
+    makers = [_pages_of_shapes(folder, progress, chosen)]
+    makers += [_page_of_recording(folder, progress)] if NAME in chosen else []
+    makers += [_page_of_scenes(folder, progress)] if _SCENES in chosen else []
+    for name, title in itertools.chain.from_iterable(makers):
+        index.links[name] = title
+        index.write()
+    for piece in (piece for piece in SOLIDS if piece.name in chosen):
+        index.sections.append(section(piece.exhibit(folder, progress)))
+        index.write()
+    index.finished = True
+    return index.write()
 
 
-def _page_of_scenes(folder: Path, progress: Progress) -> Mapping[str, str]:
-    """Write the page of the five scenes of 2002, if MuJoCo is installed."""
-    if find_spec("mujoco") is None:
-        return {}
-    head = f'<p>{html.escape(SCENES_INTRODUCTION)}</p><nav><a href="index.html">{_TITLE}</a></nav>'
-    text = document(f"struck: {SCENES_TITLE}", head + scenes_page(folder, progress))
-    _written(folder / "scenes.html", text)
-    return {"scenes.html": SCENES_TITLE}
+@dataclass(kw_only=True)
+class _Index:
+    """First page of the gallery, which is written again whenever an entry is made."""
+
+    folder: Path
+    links: dict[str, str] = field(default_factory=dict)  # titles by the pages' names
+    sections: list[str] = field(default_factory=list)
+    finished: bool = False
+
+    def write(self) -> Path:
+        """Write the page and the list of files as far as they are made; return the page."""
+        entries = counted(len(self.links) + len(self.sections), "entry")
+        state = f"{entries} made so far: reload this page for more, or run `struck demo` again."
+        introduction = SOLIDS_INTRODUCTION if self.finished else f"{state} {SOLIDS_INTRODUCTION}"
+        text = page_of(_TITLE, introduction, self.sections, self.links)
+        path = _written(self.folder / "index.html", text)
+        made = sorted(path.name for path in self.folder.iterdir() if path.name != LIST)
+        _written(self.folder / LIST, "\n".join(made) + "\n")
+        return path
 
 
-def _pages_of_shapes(folder: Path, progress: Progress, chosen: Sequence[str]) -> dict[str, str]:
-    """Write a page for each closed form among the chosen; return titles by the pages' names."""
+def _pages_of_shapes(
+    folder: Path, progress: Progress, chosen: Sequence[str]
+) -> Iterator[tuple[str, str]]:
+    """Write a page for each closed form among the chosen; yield its name and title."""
     back = {"index.html": _TITLE}
-    shapes = [piece for piece in SHAPES if piece.name in chosen]
-    for piece in shapes:
+    for piece in (piece for piece in SHAPES if piece.name in chosen):
         exhibit = piece.exhibit(folder, progress)
         text = page(f"struck: {piece.title}", SHAPES_INTRODUCTION, [exhibit], back)
         _written(folder / f"{piece.name}.html", text)
-    return {f"{piece.name}.html": piece.title for piece in shapes}
+        yield f"{piece.name}.html", piece.title
+
+
+def _page_of_recording(folder: Path, progress: Progress) -> Iterator[tuple[str, str]]:
+    """Write the page of the recorded drum; yield its name and title."""
+    _written(folder / f"{NAME}.html", recording(folder, progress))
+    yield f"{NAME}.html", TITLE
+
+
+def _page_of_scenes(folder: Path, progress: Progress) -> Iterator[tuple[str, str]]:
+    """Write the page of the scenes of 2002 again after each, if MuJoCo is installed."""
+    if find_spec("mujoco") is None:
+        return
+    head = f'<p>{html.escape(SCENES_INTRODUCTION)}</p><nav><a href="index.html">{_TITLE}</a></nav>'
+    made = ""
+    for part in scene_sections(folder, progress):
+        made += f"{part}\n"
+        _written(folder / "scenes.html", document(f"struck: {SCENES_TITLE}", head + made))
+        yield "scenes.html", SCENES_TITLE
 
 
 def _written(path: Path, text: str) -> Path:

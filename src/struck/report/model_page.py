@@ -171,14 +171,22 @@ def page(
     links: Mapping[str, str] = MappingProxyType({}),
 ) -> str:
     """Return an HTML page that shows and plays exhibits, with links to other pages by title."""
+    return page_of(title, introduction, [section(exhibit) for exhibit in exhibits], links)
+
+
+def page_of(
+    title: str, introduction: str, sections: Sequence[str], links: Mapping[str, str]
+) -> str:
+    """Return an HTML page of sections (HTML), with links to other pages by title."""
     more = " &middot; ".join(
         f'<a href="{html.escape(name)}">{html.escape(text)}</a>' for name, text in links.items()
     )
-    sections = "\n".join(_section(exhibit) for exhibit in exhibits)
-    return document(title, f"<p>{html.escape(introduction)}</p>\n<nav>{more}</nav>\n{sections}")
+    shown = "\n".join(sections)
+    return document(title, f"<p>{html.escape(introduction)}</p>\n<nav>{more}</nav>\n{shown}")
 
 
-def _section(exhibit: Exhibit) -> str:
+def section(exhibit: Exhibit) -> str:
+    """Return the part of a page that shows and plays an exhibit."""
     model = exhibit.model
     own = np.flatnonzero(model.of_object)
     shown = own[:_ROWS]

@@ -11,7 +11,7 @@ aimed at. Each scene is a MuJoCo file in a folder, simulated, rendered and drawn
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -225,9 +225,8 @@ def _saved(played: Played, folder: Path, *, stems: bool = False) -> list[Path]:
     return paths
 
 
-def scenes_page(folder: Path, progress: Progress = silent) -> str:
-    """Make all scenes at preview accuracy, and return the HTML that shows and plays them."""
-    sections = []
+def scene_sections(folder: Path, progress: Progress = silent) -> Iterator[str]:
+    """Make all scenes at preview accuracy, and yield the HTML that shows and plays each."""
     for name, make in SCENES.items():
         staged = make(folder, "preview")
 
@@ -240,13 +239,12 @@ def scenes_page(folder: Path, progress: Progress = silent) -> str:
             "</audio></figure>"
             for each in paths
         )
-        sections.append(
+        yield (
             f"<section><h2>{html.escape(staged.title)}</h2><p>{html.escape(staged.text)} "
             f'<a href="{name}.glb">animation (GLB)</a>, <a href="{name}.xml">scene (MJCF)</a></p>'
             f'{sounds}<img src="{name}.png" alt="{html.escape(staged.title)}" '
             'style="max-width:100%"></section>'
         )
-    return "\n".join(sections)
 
 
 # Chimes.

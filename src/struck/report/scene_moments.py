@@ -1,4 +1,4 @@
-"""Moments of a scene that are worth a picture: the largest blows, and what moves between them."""
+"""Moments of a scene that are worth a picture: the largest blows, and motion between them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _LONGEST = 44  # characters of a caption
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Moment:
-    """A time of a scene, s, and what happens then, in words."""
+    """A time of a scene, s, with a caption of the event at that time."""
 
     time: float
     caption: str = ""

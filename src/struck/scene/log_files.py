@@ -3,9 +3,9 @@
 CSV has a line of column names and a line for each contact. Cells are separated by commas,
 semicolons or tabs; with the latter two numbers may have decimal commas. Bodies are named by text;
 `time`, `body0`, `body1`, `position_x` to `_z` and `impulse_x` to `_z` must be there, `dt`,
-`normal_x` to `_z`, `velocity_x` to `_z` and `id` may. Poses stand in the same file: lines that have `body` in
-place of `body0` and `body1`, with `position_x` to `_z` and `rotation_w` to `_z`. Lines that begin
-with # are comments; ``# length: mm`` says in which unit lengths are.
+`normal_x` to `_z`, `velocity_x` to `_z` and `id` may. Poses stand in the same file: lines that have
+`body` in place of `body0` and `body1`, with `position_x` to `_z` and `rotation_w` to `_z`. Lines
+that begin with # are comments; ``# length: mm`` says in which unit lengths are.
 
 JSON lines has an object a line with the same names, where `position`, `normal`, `impulse`,
 `velocity` and `rotation` are lists; an object with `names` or `length` alone says these.

@@ -107,7 +107,7 @@ class SceneFile:
         return spec
 
     def _attach(self, spec: mujoco.MjSpec) -> None:
-        """Join the attached models to a specification, at the frames that stand for them."""
+        """Join the attached models to a specification, at the frames in place of <attach>."""
         for frame in [each for each in spec.frames if each.name.startswith(_ATTACHED)]:
             # <replicate> ends the names of its copies, as it does those of their bodies.
             number, _, suffix = frame.name.removeprefix(_ATTACHED).partition("|")
