@@ -119,7 +119,13 @@ def test_pictures_show_the_scene(folder: Path) -> None:
         (["--keyframe", "start"], "is 'start': the scene has no keyframes: leave --keyframe out"),
         (["--friction", "tile,shlf=1"], "no two of 'shelf', 'tile', 'ghost': did you mean shelf?"),
         (["--log", "log.txt"], "npz"),
-        ([], "nothing sounds: 'shelf' is silent: its material is not given"),
+        (["--listener", "0,0"], "--listener"),
+        (["--rate", "0"], "--rate is 0"),
+        (["--material", "*=oack"], "did you mean oak"),
+        (
+            [],
+            "nothing sounds: 'shelf', 'tile' and 'ghost' are silent: their material is not given;",
+        ),
     ],
 )
 def test_wrong_words_are_refused(
@@ -131,3 +137,52 @@ def test_wrong_words_are_refused(
     assert main(["simulate", str(folder / "scene.xml"), *given]) == 2
     assert said in capsys.readouterr().err
     assert not output.exists()
+
+
+FREE = """<mujoco><option gravity="0 0 {0}"/><worldbody>{1}
+<body name="box" pos="0 0 .02"><freejoint/><geom type="box" size=".02 .02 .02"/></body>
+</worldbody></mujoco>"""
+FLOOR = '<geom name="floor" type="plane" size="1 1 .1"/>'
+
+
+@pytest.mark.parametrize(
+    ("gravity", "rest", "words", "said"),
+    [
+        (0.0, "", [], "nothing touches anything, so that there is no sound: let it run longer"),
+        (0.0, "", ["--material", "box=steel", "--listener", "0,-1,0"], "silence: the log has no"),
+        (0.0, FLOOR, ["--engine", "rapier"], "silence: the log has no"),
+        (-9.81, FLOOR, ["--material", "box=steel"], "silence: no blow that counts in"),
+    ],
+)
+def test_a_simulation_in_which_nothing_happens_writes_silence(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    gravity: float,
+    rest: str,
+    words: list[str],
+    said: str,
+) -> None:
+    path, output = tmp_path / "scene.xml", tmp_path / "out.wav"
+    path.write_text(FREE.format(gravity, rest))
+    length = ["--seconds", "0.3", "--ring", "0.2", "--accuracy", "preview"]
+    assert main(["simulate", str(path), *length, *words, "-o", str(output)]) == 0
+    told = capsys.readouterr().out
+    assert said in told
+    assert "out.wav (0.50 s, silent)" in told
+    samples, _ = soundfile.read(output)
+    assert len(samples) == 24_000
+    assert not samples.any()
+    assert (tmp_path / "out.png").is_file()
+    assert (tmp_path / "out.events.csv").read_text(encoding="utf-8") == "event,time\n"
+
+
+def test_a_scene_without_a_surface_has_no_picture(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "scene.xml").write_text(f"<mujoco><worldbody>{FLOOR}</worldbody></mujoco>")
+    output = tmp_path / "out.wav"
+    given = ["--seconds", "0.1", "-o", str(output)]
+    assert main(["simulate", str(tmp_path / "scene.xml"), *given]) == 0
+    assert "no body has a surface: there is no animation and no picture" in capsys.readouterr().out
+    assert output.is_file()
+    assert not (tmp_path / "out.png").exists()

@@ -141,7 +141,7 @@ class _Thing:
 
 
 def _shown(bodies: Mapping[str, Body]) -> list[_Thing]:
-    """Return the bodies with a surface; those that move have colours of their own."""
+    """Return the bodies with a surface, each that moves in a different colour."""
     things, moving = [], 0
     for name, body in bodies.items():
         corners = _corners(body)

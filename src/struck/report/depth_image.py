@@ -140,7 +140,7 @@ class DepthImage:
         self._take(np.arange(len(height)), height + origin[2], colours, GROUND)
 
     def _take(self, pixels: Index, depth: Array, colours: Array, owner: int) -> None:
-        """Give pixels, some of them several times, to the nearest of what is there."""
+        """Colour pixels, some of them several times, where a surface is the nearest."""
         np.maximum.at(self._depth, pixels, depth)
         nearest = self._depth[pixels] == depth
         self._colour[pixels[nearest]] = colours[nearest]

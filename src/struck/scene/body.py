@@ -298,7 +298,7 @@ def with_fewer_modes(
 
 
 def material_of(model: ModalModel | RigidBody) -> Material | None:
-    """Return what a body is made of; None where it is unknown."""
+    """Return the material of a body; None where it is unknown."""
     material = model.material
     return Material.named(material) if isinstance(material, str) else material
 

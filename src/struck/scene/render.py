@@ -151,7 +151,7 @@ def _silent_sound(
     seconds: float | None,
     sample_rate: int,
 ) -> Sound:
-    """Return the sound of a scene in which nothing sounds; by default as long as its log."""
+    """Return silence for a scene without a sounding event; by default as long as its log."""
     if seconds is None:
         seconds = min(max(scene.logged or 0.0, SHORTEST_RING), LONGEST_UNSAID)
     ears = len(_listener_of(listener).ear_points)

@@ -129,7 +129,7 @@ class SceneFile:
     # MJCF.
 
     def _read_mjcf(self, path: Path, chain: tuple[Path, ...]) -> None:
-        """Take over all files of a model; `chain` are those that attach it."""
+        """Take over all files of a model; `chain` lists the files that attach it."""
         self._include(self.root, path.parent, ())
         self._take_models(path.parent, (*chain, path))
         self._take_mjcf(path.parent)

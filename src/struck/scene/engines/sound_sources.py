@@ -124,7 +124,7 @@ class SoundSources:
             yield f"{listed(names, QUOTED)} {verb} silent: {text}"
 
     def prepare(self, links: Sequence[Link]) -> Mapping[str, Material | None]:
-        """Check all options against the bodies, and return what each body is made of.
+        """Check all options against the bodies, and return the material of each body.
 
         No mode is computed here; finished models are loaded.
         """
@@ -180,7 +180,7 @@ class SoundSources:
         return self._named(chosen)
 
     def _material(self, link: Link) -> Material | None:
-        """Return what a body is made of by the options, or else by the file."""
+        """Return the material of a body by the options, or else by the file."""
         said = self.material(link.name)
         if said is not None or not link.material:
             return said
