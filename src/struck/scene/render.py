@@ -176,17 +176,18 @@ def _bodies(
         raise OptionError(f"{model!r} are no bodies: give a ModalModel, or Body(...) for each")
     if isinstance(excitations, Sequence) and not excitations:
         return bodies
-    if len(bodies) > 1:
+    only, *others = bodies
+    if others:
         raise OptionError(
             f"there are {len(bodies)} bodies, and nothing says which of them is excited: give each "
             "its own excitations, as Body(model=..., excitations=...)"
         )
-    if bodies[0].actions:
+    if only.actions:
         raise OptionError(
-            f"the Body has its own excitations ({len(bodies[0].actions)}), and more are given "
+            f"the Body has its own excitations ({len(only.actions)}), and more are given "
             "beside it: give all of them in one of the two places"
         )
-    return (replace(bodies[0], excitations=excitations),)
+    return (replace(only, excitations=excitations),)
 
 
 def _require_excited(bodies: Sequence[Body]) -> None:
