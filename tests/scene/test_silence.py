@@ -101,6 +101,12 @@ def test_a_log_that_sounds_is_not_called_silent_and_scenes_without_a_log_are_ref
     assert not any("silence" in note for note in sound.notes)
     with pytest.raises(OptionError, match="nothing to render: give at least one strike"):
         struck.render(SCENE)
+    # A hand that holds a body makes no sound of a silent log.
+    held = replace(SCENE.bodies["block"], excitations=Hold(grip=5.0))
+    scene = Scene(bodies={**SCENE.bodies, "block": held})
+    sound = struck.render(scene, log(0.035), seconds=0.1)
+    assert sound.notes[-1] == REST.format("120 rows")
+    assert not sound.samples.any()
     # A body of the scene that has its own excitations sounds, whatever the log holds.
     struck_block = replace(SCENE.bodies["block"], excitations=Strike(impulse=0.01))
     scene = Scene(bodies={**SCENE.bodies, "block": struck_block})

@@ -137,9 +137,10 @@ def _require_models(scene: Scene, events: Events, options: argparse.Namespace) -
 
 def _heard_live(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Play a simulation until its time is over, or it explodes."""
+    ears = _ears(options)  # refused before bodies are analyzed
     simulation = Simulation(options.scene, progress=progress, **_chosen(options))
     progress.close()
-    with struck.play(simulation, listener=_ears(options), device=device(options.device)) as player:
+    with struck.play(simulation, listener=ears, device=device(options.device)) as player:
         end = time.monotonic() + options.seconds
         with suppress(KeyboardInterrupt):
             while time.monotonic() < end and player.simulating:

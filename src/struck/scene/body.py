@@ -150,6 +150,11 @@ class Body:
         return (self.excitations,)
 
     @property
+    def pushed(self) -> bool:
+        """Whether an excitation pushes the body, as a Hold alone does not."""
+        return not all(isinstance(action, Hold) for action in self.actions)
+
+    @property
     def silent(self) -> bool:
         """Whether the body has no model of its sound."""
         return not isinstance(self.model, ModalModel)

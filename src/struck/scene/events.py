@@ -195,12 +195,12 @@ class Events:
                 if number in {each.first, each.second}
             ]
             bodies[name] = replace(body, excitations=(*body.actions, *strikes, *rubs))
-        if not any(body.actions for body in bodies.values()):
-            notes.append(self.silence)
+        if not any(body.pushed for body in bodies.values()):
+            notes.append(self.silence or "silence: no row of contacts pushes a body with a model")
         return replace(
             self.scene,
             bodies=bodies,
-            notes=(*self.scene.notes, *filter(None, notes)),
+            notes=(*self.scene.notes, *notes),
             logged=_end_of(self.contacts),
         )
 

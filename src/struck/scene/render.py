@@ -84,7 +84,7 @@ def render(
     logged = hasattr(excitations, "body0")
     if isinstance(model, Scene):
         model, told = _excited(model, excitations)
-        if model.logged is not None and not any(body.actions for body in model.bodies.values()):
+        if model.logged is not None and not any(body.pushed for body in model.bodies.values()):
             return _silent_sound(model, listener, lost + told, seconds, sample_rate)
         excitations, names, every = (), list(model.bodies), list(model.bodies.values())
     elif logged:
@@ -192,11 +192,11 @@ def _bodies(
 
 def _require_excited(bodies: Sequence[Body]) -> None:
     """Refuse bodies none of which is excited."""
-    actions = [action for body in bodies for action in body.actions]
-    if all(isinstance(action, Hold) for action in actions):
-        held = f"{counted(len(actions), 'hold')} and nothing that strikes"
+    if not any(body.pushed for body in bodies):
+        holds = sum(len(body.actions) for body in bodies)
+        held = f"{counted(holds, 'hold')} and nothing that strikes"
         raise OptionError(
-            f"there is {held if actions else 'nothing to render'}: give at least one strike"
+            f"there is {held if holds else 'nothing to render'}: give at least one strike"
         )
 
 
