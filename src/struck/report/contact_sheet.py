@@ -40,22 +40,10 @@ _LIFT = 1e-4  # of a frame, that shadows lie above their plane
 _LEVEL = 0.5  # cosine between a plane's normal and upward: steeper planes get no shadows
 _MOST_NAMED = 8  # bodies whose colours are explained
 # Of bodies that move: Paul Tol's "bright" and "muted" schemes, which the colour-blind can read.
-_PALETTE = np.array(
-    [
-        [0x44, 0x77, 0xAA],
-        [0xEE, 0x66, 0x77],
-        [0x22, 0x88, 0x33],
-        [0xCC, 0xBB, 0x44],
-        [0x66, 0xCC, 0xEE],
-        [0xAA, 0x33, 0x77],
-        [0xDD, 0xCC, 0x77],
-        [0x33, 0x22, 0x88],
-        [0x88, 0xCC, 0xEE],
-        [0xCC, 0x66, 0x77],
-        [0x44, 0xAA, 0x99],
-        [0x99, 0x99, 0x33],
-    ]
-) / np.float64(255)
+_PALETTE = (
+    *("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377"),
+    *("#ddcc77", "#332288", "#88ccee", "#cc6677", "#44aa99", "#999933"),
+)
 
 
 @in_default_style
@@ -142,6 +130,8 @@ class _Thing:
 
 def _shown(bodies: Mapping[str, Body]) -> list[_Thing]:
     """Return the bodies with a surface, each that moves in a different colour."""
+    from matplotlib.colors import to_rgb
+
     things, moving = [], 0
     for name, body in bodies.items():
         corners = _corners(body)
@@ -149,7 +139,7 @@ def _shown(bodies: Mapping[str, Body]) -> list[_Thing]:
             continue
         colour = np.asarray(COLOURS[group_of(body)])
         if body.moves:
-            colour = _PALETTE[moving % len(_PALETTE)]
+            colour = np.array(to_rgb(_PALETTE[moving % len(_PALETTE)]))
             moving += 1
         things.append(_Thing(name=name, body=body, corners=corners, colour=colour))
     return things
