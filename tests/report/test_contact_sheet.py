@@ -115,6 +115,8 @@ def test_no_body_leaves_its_frame_and_floors_are_drawn(away: float) -> None:
     words = " ".join(axes.get_title() for axes in panels)
     assert words.startswith("0.00 s: start")
     assert "N s" not in words
+    (levels,) = figure.subfigs[1].axes[0].collections
+    assert np.max(levels.get_array()) < -90  # silence is black
     legend = [text.get_text() for text in figure.subfigs[0].legends[0].get_texts()]
     assert legend[:2] == ["near", "far"]
     assert legend[2].startswith("floor: tiles of ")

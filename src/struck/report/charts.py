@@ -46,7 +46,7 @@ def spectrogram(sound: Sound, lowest: float | None = None) -> Figure:
         frequencies, levels = _levels(sound)
         lowest = _lowest_shown(frequencies[_peaks(frequencies, levels)], sound.sample_rate / 2)
     times, frequencies, powers, strongest = powers_in_time(sound, lowest)
-    levels = 10 * np.log10(np.maximum(powers / max(strongest, 1e-300), 1e-20))
+    levels = 10 * np.log10(np.maximum(powers / max(strongest, 1e-200), 1e-20))
     image = draw_spectrogram(axes, times, frequencies, levels)
     axes.set(ylabel="frequency (Hz)", title=_heading(sound))
     colour_bar(figure, image, [axes], "level (dB, strongest = 0)")

@@ -97,7 +97,7 @@ def contact_sheet(events: Events, sound: Sound, *, seconds: float) -> Figure:
     _explain(upper, shown, planes, tile)
     axes = lower.subplots()
     clock, frequencies, powers, strongest = powers_in_time(sound, _LOWEST)
-    levels = 10 * np.log10(np.maximum(powers / max(strongest, 1e-300), 1e-20))
+    levels = 10 * np.log10(np.maximum(powers / max(strongest, 1e-200), 1e-20))
     draw_spectrogram(axes, clock, frequencies, levels)
     for moment in moments[1:]:
         axes.axvline(moment.time, color="white", linewidth=0.5, alpha=0.5)
