@@ -177,7 +177,7 @@ def test_demo_opens_the_room_where_there_are_a_terminal_and_a_display(
         opened.append("the room")
         return SimpleNamespace(url="http://127.0.0.1")
 
-    def gallery(folder: Path, _progress: object) -> Path:
+    def gallery(folder: Path, *_: object, **_options: object) -> Path:
         return folder / "index.html"
 
     monkeypatch.setattr(sys.stdin, "isatty", lambda: terminal)
