@@ -530,7 +530,7 @@ def compare(
         A sound file or a sound of one hit or several, whose modes are fitted; a model or its file;
         or anything with `frequencies`, `decays` and `gains`.
     at, strike, against : place, Strike, Strike, optional
-        Where and with what both are struck: the model's loudest place, and ``Strike()``, unless
+        Where and with what both are struck: the model's playing place, and ``Strike()``, unless
         given. And another model, where it is struck otherwise.
     listener : array-like (3,), optional
         In the coordinates of each model, m; beside it unless given.
@@ -642,7 +642,7 @@ def sonic_distance(
     a, b : ModalModel
         What is struck; one model twice to compare two of its contacts.
     at, against : place, optional
-        Where `a` is struck, as for `ModalModel.contact`, the loudest contact unless given; and `b`.
+        Where `a` is struck, as for `ModalModel.contact`, its playing place unless given; and `b`.
     listener, level : array-like (3,), float, optional
         In the coordinates of each model, m; beside it unless given. And what the loudest contact of
         each reaches, dB re 20 micropascal; 85 unless given: bodies are compared by their timbre.

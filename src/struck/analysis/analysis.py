@@ -132,7 +132,8 @@ def analyze(
         if formula:
             recoil = recoil and not body.supported
             return _by_formula(body, chosen, heard, wanted, progress, recoil=recoil)
-        body = body.solid()
+        places, playing = body.places, body.playing_place
+        body = replace(body.solid(), places=places, playing_place=playing)
         fixed = _either(fixed, body.fixed)
     method = "quadratic" if method is None or method == "fem" else method
     stages = Stages(cache=opened(choice=cache), progress=progress)
@@ -152,7 +153,7 @@ def analyze(
     work.require_scale(source, asked=band is not None)
     elements, modes = work.resolved(source)
     merged = _merged(elements.provenance, modes, body, method)
-    model = work.model(replace(modes, provenance=merged), elements.places, radiation, lowest)
+    model = work.model(replace(modes, provenance=merged), elements, radiation, lowest)
     return _recoiling(model) if recoil else model
 
 
@@ -209,6 +210,7 @@ def _by_formula(
         radiation=radiation,
         lowest=band[0],
         places={**places_of(modes.surface), **shape.places},
+        playing_place=shape.playing_place,
     )
     return _recoiling(model) if recoil else model
 
@@ -304,22 +306,26 @@ class _Work:
         certain = modes.complete_to / (1 + doubt)
         return replace(modes, errors=errors, complete_to=certain, provenance=provenance)
 
-    def model(
-        self, modes: Modes, own: Mapping[str, Array], radiation: str, lowest: float
-    ) -> ModalModel:
-        """Return the model of the modes, with its outermost and the body's `own` places."""
-        places = {**places_of(modes.surface), **own}
+    def model(self, modes: Modes, elements: Elements, radiation: str, lowest: float) -> ModalModel:
+        """Return the model of the modes, with its outermost places and those of the elements."""
+        places, playing = {**places_of(modes.surface), **elements.places}, elements.playing_place
         self.stages.progress("computing how loudly modes radiate", 0.0)
         return self.stages.kept(
             MODEL,
             lambda: ModalModel.of(
-                modes, self.material, radiation=by_name(radiation), lowest=lowest, places=places
+                modes,
+                self.material,
+                radiation=by_name(radiation),
+                lowest=lowest,
+                places=places,
+                playing_place=playing,
             ),
             modes=modes,
             material=self.material,
             radiation=radiation,
             lowest=lowest,
             places=places,
+            playing_place=playing,
         )
 
     def _coarse(self, source: Discretisation) -> tuple[Elements | None, Modes | None]:

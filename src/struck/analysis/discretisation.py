@@ -42,7 +42,10 @@ _PROMOTED = 6.0  # times the nodes of linear elements that quadratic ones have
 
 @runtime_checkable
 class Solid(Protocol):
-    """A body of struck.solids: it makes its own elements."""
+    """A body of struck.solids: it makes its own elements.
+
+    Where one is struck by default, its property `playing_place` names one of its `places`.
+    """
 
     def volume_mesh(self, accuracy: str = "standard", finer: float = 1.0) -> VolumeMesh:
         """Return the elements of the solid, `finer` times as many in each direction."""
@@ -81,6 +84,7 @@ class Elements:
 
     mesh: VolumeMesh
     places: Mapping[str, Array] = field(default_factory=dict)
+    playing_place: str | None = None  # its name, where the body has one
     provenance: Provenance
     volume_error: float = 0.0
     stiffened: float = 0.0  # relative, of frequencies, by what they miss along thin edges
@@ -192,6 +196,7 @@ class StructuredSolid:
         return Elements(
             mesh=mesh,
             places=solid.places,
+            playing_place=getattr(solid, "playing_place", None),
             provenance=Provenance(method="structured elements", details=details),
             volume_error=abs(mesh.volume() / solid.volume - 1),
             times=finer,

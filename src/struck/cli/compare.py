@@ -36,7 +36,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "--strike",
         metavar="PLACE",
         type=place,
-        help="where both are struck: name, vertex:N or x,y,z in m; the loudest place unless given",
+        help="where both are struck: name, vertex:N or x,y,z in m; the playing place unless given",
     )
     parser.add_argument(
         "--against", metavar="PLACE", type=place, help="where another model is struck instead"

@@ -244,7 +244,11 @@ def _heard(options: argparse.Namespace) -> dict[str, Any]:
 def add_touches(parser: argparse.ArgumentParser) -> None:
     """Add the options that `touches` reads."""
     kinds = (
-        ("--strike", _PLACE, "name, vertex:N or x,y,z in m; the loudest place unless given"),
+        (
+            "--strike",
+            _PLACE,
+            "name, vertex:N or x,y,z in m; the playing place unless given",
+        ),
         ("--scrape", _WAY, "drag a tip from place to place"),
         ("--roll", _WAY, "roll a ball from place to place"),
         ("--pluck", _PLACE, "let a load go"),
@@ -269,7 +273,7 @@ def add_touches(parser: argparse.ArgumentParser) -> None:
 
 
 def touches(options: argparse.Namespace) -> list[Action]:
-    """Return the excitations of the options; without any, one strike at the loudest place.
+    """Return the excitations of the options; without any, one strike at the playing place.
 
     Raises
     ------

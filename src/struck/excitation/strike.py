@@ -52,8 +52,9 @@ class Strike:
     Parameters
     ----------
     at : array-like, str or None
-        Place in body coordinates, m, or its name ("top", "rim", "vertex:120"); None takes the
-        loudest contact.
+        Place in body coordinates, m, or its name ("top", "rim", "vertex:120"); None takes
+        the body's playing place: the rim of a bell, bowl or glass, the end of a tube, else the
+        place that speaks most of the lowest modes (`ModalModel.contact`).
     impulse : float or None
         N s. Without a striker and a duration it acts in no time.
     striker : str or None

@@ -374,7 +374,7 @@ class TouchLog:
         When each update takes effect, ascending, s; moved to the nearest sample.
     points : array-like (K, 3), (K, D) or None
         On the body, m; of a recorded body its D contact coordinates. None: one place throughout,
-        the model's loudest, or the first that was recorded.
+        the model's playing place, or the first that was recorded.
     forces : array-like (K,)
         Loads, N, at least 0.
     speeds : array-like (K,) or float

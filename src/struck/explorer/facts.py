@@ -24,6 +24,7 @@ from struck.scene.render import render
 POINTS = 10  # that keys strike: 1 to 9, and 0
 SMALLEST, LARGEST = 0.1, 10.0  # bounds of a change of size
 MOST_LOSSES = 1000.0  # times those of the body
+_LOW = "where its lowest modes speak most"  # a playing place without a name
 _LEVEL_SECONDS = 0.25  # of a blow, in which any body reaches its peak
 
 
@@ -78,7 +79,7 @@ def peak(model: ModalModel, at: Place) -> float:
 
 
 def numbered(model: ModalModel) -> Iterator[dict[str, Any]]:
-    """Yield places all over a body for the keys 1 to 9 and 0: named ones first."""
+    """Yield places all over a body for the keys 1 to 9 and 0: its playing place first."""
     surface = model.geometry
     if surface is None:
         yield {"name": next(iter(model.places), "as recorded"), "point": None, "direction": None}
@@ -87,7 +88,9 @@ def numbered(model: ModalModel) -> Iterator[dict[str, Any]]:
     near = 0.02 * surface.extent
     # Names of people first; those of axes may lie on top of them.
     named = sorted(model.places.items(), key=lambda pair: pair[0][0] in "+-" or pair[0] == "bottom")
-    for name, place in (*named, *_spread(surface, model.contact().point)):
+    playing = model.contact()
+    first = [(playing.name or _LOW, None)]
+    for name, place in (*first, *named, *_spread(surface, playing.point)):
         try:
             contact = model.contact(place)
         except StruckError:
@@ -104,10 +107,9 @@ def numbered(model: ModalModel) -> Iterator[dict[str, Any]]:
             return
 
 
-def _spread(surface: Mesh, loudest: Array) -> Iterator[tuple[str, Array]]:
-    """Yield middles of faces, each as far from all before as any: from the loudest place on."""
-    distances = np.linalg.norm(surface.centroids - loudest, axis=1)
-    yield "loudest", loudest
+def _spread(surface: Mesh, first: Array) -> Iterator[tuple[str, Array]]:
+    """Yield middles of faces, each as far from all before as any: from the first place on."""
+    distances = np.linalg.norm(surface.centroids - first, axis=1)
     for number in range(2 * POINTS):
         farthest = surface.centroids[int(np.argmax(distances))]
         distances = np.minimum(distances, np.linalg.norm(surface.centroids - farthest, axis=1))

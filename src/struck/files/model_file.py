@@ -503,6 +503,7 @@ def _description(model: ModalModel, surface: Mesh | None, gains: Text) -> dict[s
         "complete_to": float(model.complete_to),
         "coordinates": list(model.coordinates),
         "places": {name: _list(point) for name, point in model.places.items()},
+        "playing_place": model.playing_place,
         "provenance": {
             "method": model.provenance.method,
             "references": list(model.provenance.references),
@@ -579,6 +580,7 @@ def _model(text: Text, tensors: Tensors) -> ModalModel:
         poisson_slopes=tensors.get("poisson_slopes"),
         errors=tensors.get("errors"),
         places={name: _array(place) for name, place in text["places"].items()},
+        playing_place=text.get("playing_place"),
         coordinates=texts(text["coordinates"], "coordinates"),
         chart=_chart(text.get("chart")),
         residual=_make_residual(text, tensors),

@@ -30,12 +30,25 @@ class Contact:
         Outward unit normal of the surface there.
     distance : float
         How far the asked-for point was from the surface, m.
+    name : str
+        Of the place, "" where it has none.
     """
 
     point: Array
     direction: Array
     normal: Array
     distance: float
+    name: str = ""
+
+    @property
+    def place(self) -> str:
+        """The place in words, as "the rim", "+x" or "(0.1, 0, 0.02) m"."""
+        if self.name and self.normal.any():
+            kind, _, number = self.name.partition(":")
+            return f"{kind} {number}" if number else f"{'the ' * self.name.isalpha()}{self.name}"
+        if not self.point.size:
+            return "its one place"
+        return _text(self.point).removesuffix("" if self.normal.any() else " m")
 
     @classmethod
     def on(cls, locator: Surface, mesh: Mesh, point: Array, direction: Place = None) -> Contact:
@@ -80,7 +93,13 @@ class Contact:
         point = np.asarray(places[at] if isinstance(at, str) else at, dtype=np.float64)
         if point.shape != (len(coordinates),) or not np.isfinite(point).all():
             raise ContactError(f"contact is {at!r}: {_choice(coordinates, places)}")
-        return cls(point=point, direction=np.zeros(3), normal=np.zeros(3), distance=0.0)
+        return cls(
+            point=point,
+            direction=np.zeros(3),
+            normal=np.zeros(3),
+            distance=0.0,
+            name=at if isinstance(at, str) else "",
+        )
 
 
 def nearest_contacts(

@@ -70,8 +70,6 @@ class TransverseShapes:
 
 # Modes closer than this share of their frequency count as turned copies of one another.
 _SHARED = 1e-3
-# How far a contact by a vertex lies toward a face's centroid, so that it has that face's normal.
-_INWARD = 0.02
 _FEW = 4  # pushes for which the core need not be loaded
 
 
@@ -396,28 +394,6 @@ class ShapeGains(Gains):
     def radius(self) -> float:
         """Radius of the smallest ball about `centre` that holds the body, m."""
         return float(np.linalg.norm(self.surface.points - self.centre, axis=1).max())
-
-    def loudest(self, weights: Array, strengths: Array) -> Array:
-        """Return the point (3,) where a push straight into the surface sounds loudest.
-
-        It lies by the loudest outward-looking vertex, within that of its faces which answers most.
-
-        Parameters
-        ----------
-        weights : array (M,)
-            What the square of a mode's drive counts for.
-        strengths : array (V,)
-            What a push at each vertex counts for.
-        """
-        normals = self.surface.vertex_normals
-        outward = np.einsum("vd,vd->v", normals, self.surface.points - self.centre) > 0
-        drive = np.einsum("vd,vdm->vm", normals, self.shapes)
-        vertex = int(np.argmax(np.square(drive) @ weights * strengths * outward))
-        around = np.flatnonzero((self.surface.faces == vertex).any(axis=1))
-        pushed = self.surface.face_normals[around] @ self.shapes[vertex]
-        face = around[np.argmax(np.square(pushed) @ weights)]
-        inward = self.surface.centroids[face] - self.surface.points[vertex]
-        return self.surface.points[vertex] + _INWARD * inward
 
     def at(self, points: Array, directions: Array, faces: Index | None = None) -> Array:
         """Return the mode shapes at the nearest surface points along unit `directions`.

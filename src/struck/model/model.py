@@ -24,7 +24,7 @@ from struck.model.gains import (
     canonical_signs,
 )
 from struck.model.material import Material
-from struck.model.mesh import Mesh, places_of
+from struck.model.mesh import Mesh
 from struck.model.modes import Modes, Stiffness, changed
 from struck.model.provenance import Progress, Provenance, silent
 from struck.model.recoil import Recoil
@@ -39,6 +39,7 @@ _KINDS = {
     "material": Material | None,
     "geometry": Mesh | None,
     "places": Mapping,
+    "playing_place": str | None,
     "coordinates": tuple,
     "recoil": Recoil | None,
     "provenance": Provenance,
@@ -48,11 +49,6 @@ _LOST_FIELD = (
     "takes its place; compute the field anew"
 )
 LOUDEST = "loudest"  # the place that every model has beside its own
-# Of the default strike, by the wooden head of `strikers.toml` at 0.5 m/s: kg, Pa, and what makes a
-# duration of a mass and a softness, (m / E*)^0.4. And how long levels are taken over, s; and how
-# many times its energy a place by name counts for, which people can tell each other: 0.5 dB.
-_HEAD, _HEAD_MODULUS, _TOUCHED = 0.015, 1.1396e9, 7.9797
-_HEARD, _NAMED_FIRST = 0.125, 10**0.05
 _NAMED = 12  # modes that are told one by one
 _RINGING = ("frequencies", "natural_frequencies", "decays")
 
@@ -81,6 +77,9 @@ class ModalModel:
         As in `Modes`.
     places : mapping
         Contacts by name, m, each (3,).
+    playing_place : str or None
+        Name of the place where the body is struck by default. None, or a name that `places` lacks:
+        where its lowest modes speak most.
     coordinates : tuple of str
         Names and units of a contact's axes.
     chart : Chart or None
@@ -111,6 +110,7 @@ class ModalModel:
     poisson_slopes: Array | None = None
     errors: Array | None = None
     places: Mapping[str, Array] = field(default_factory=dict)
+    playing_place: str | None = None
     coordinates: tuple[str, ...] = XYZ
     chart: Chart | None = None
     residual: Residual | None = None
@@ -132,11 +132,12 @@ class ModalModel:
         radiation: Radiation,
         lowest: float = 20.0,
         places: Mapping[str, Array] | None = None,
+        playing_place: str | None = None,
     ) -> ModalModel:
         """Make a model of undamped modes.
 
         The material's damping gives the decays, `radiation` the outputs; modes below `lowest` Hz
-        are dropped and counted; `places` are contacts (3,) by name, m.
+        are dropped and counted; `places` are contacts (3,) by name, m, the `playing_place` one.
         """
         kept = np.flatnonzero(modes.frequencies >= lowest)
         below = len(modes.frequencies) - len(kept)
@@ -156,6 +157,7 @@ class ModalModel:
             poisson_slopes=modes.poisson_slopes[kept],
             errors=modes.errors[kept],
             places=places or {},
+            playing_place=playing_place,
             coordinates=XYZ if formula is None else XYZ[: formula.forms.dimensions],
             provenance=modes.provenance.extended(
                 references=radiation.references,
@@ -195,9 +197,11 @@ class ModalModel:
         Parameters
         ----------
         at : str, array (3,) or None
-            A name of the model's places, "vertex:120", a point in m, or None or "loudest" for the
-            place where a default strike is loudest: one of the places by name, unless another is
-            at least 0.5 dB above them.
+            A name of the model's places, "vertex:120", or a point in m. None: the body's playing
+            place, which is the rim of a bell, bowl or glass, the end of a tube, else the place
+            that speaks most of the lowest modes. "loudest": where a default strike is loudest, one
+            of the places by name unless another is at least 0.5 dB above them. Of a model of
+            recordings both are the first place that it names.
         direction : array (3,), optional
             Of the push; the inward normal unless given.
 
@@ -206,55 +210,23 @@ class ModalModel:
         ContactError
             When there is no such place, or the point is off the body.
         """
-        at = None if isinstance(at, str) and at == LOUDEST else at
+        loudest = isinstance(at, str) and at == LOUDEST
         if self.geometry is None or not isinstance(self.gains, ShapeGains):
+            at = None if loudest else at
             return Contact.recorded(at, self.places, self.coordinates, direction)
-        if at is None and not len(self.decays):
-            point = places_of(self.geometry)["top"]
-        elif at is None:
-            point = self._loudest(self.gains, self.geometry)
+        if at is None or loudest:
+            from struck.model.playing_place import loudest_place, playing_place
+
+            point, name = (loudest_place if loudest else playing_place)(self)
         else:
+            name = at if isinstance(at, str) else None
             axes = len(self.coordinates)
             point = located(self.geometry, self.places, at, axes)
             # A place on the plan is pushed from above, at the edges too, where normals turn.
             if direction is None and not isinstance(at, str) and np.shape(at) == (axes,) != (3,):
                 direction = (0.0, 0.0, -1.0)
-        return Contact.on(self.gains.locator, self.geometry, point, direction)
-
-    def _loudest(self, gains: ShapeGains, surface: Mesh) -> Array:
-        """Return the place (3,) where a default strike is loudest at the default ear, m."""
-        ear = gains.centre + max(1.0, 2 * gains.radius) * np.eye(3)[0]
-        # What a mode gives off in the loudest 1/8 s.
-        losses = 2 * _HEARD * np.maximum(self.decays, np.finfo(np.float32).tiny)
-        heard = np.square(np.abs(gains.toward(ear[None])[0, 0])) * -np.expm1(-losses) / losses
-        masses, times = self._default_blows(surface.points, surface.vertex_normals)
-        usual = heard * np.square(self._pulses(times.max(keepdims=True))[0])
-        named = list(self.places.values())
-        wanted = np.array([gains.loudest(usual, np.square(masses)), *named])
-        _, faces, points = gains.locator.closest(wanted)
-        ways = surface.normals_at(faces, points)
-        masses, times = self._default_blows(points, ways)
-        drives = np.einsum("kd,kdm->km", ways, gains.shapes_at(points)) * self._pulses(times)
-        levels = np.square(drives) @ heard * np.square(masses)
-        levels[1:] *= _NAMED_FIRST
-        return wanted[np.argmax(levels)]
-
-    def _pulses(self, durations: Array) -> Array:
-        """Return the spectra at each mode of half-sines of some durations, s (K, M)."""
-        cycles = np.multiply.outer(durations, self.frequencies)
-        return (np.sinc(cycles - 0.5) + np.sinc(cycles + 0.5)) * np.pi / 4
-
-    def _default_blows(self, points: Array, ways: Array) -> tuple[Array, Array]:
-        """Return masses in contact (K,), kg, and durations (K,), s, of default strikes."""
-        lightness = np.full(len(points), 1 / _HEAD)
-        if not (self.supported or self.mass is None or self.centre is None or self.inertia is None):
-            torques = np.cross(points - self.centre, ways)
-            turned = np.linalg.solve(self.inertia, torques.T).T
-            lightness += 1 / self.mass + np.einsum("kd,kd->k", torques, turned)
-        softness, body = 1 / _HEAD_MODULUS, self.material
-        if body is not None:
-            softness += (1 - body.poisson_ratio**2) / body.youngs_modulus
-        return 1 / lightness, _TOUCHED * (softness / lightness) ** 0.4
+        found = Contact.on(self.gains.locator, self.geometry, point, direction)
+        return found if name is None else replace(found, name=name)
 
     def contacts(
         self, points: Array, directions: Array | None = None

@@ -481,10 +481,9 @@ def _struck_at(model: ModalModel, strike: Strike) -> str:
     """Return the place, the impulse and the duration of a strike in words."""
     contact = model.contact(strike.at, strike.direction)
     blow = strike.resolved(model, contact)
-    name = strike.at if isinstance(strike.at, str) else LOUDEST if strike.at is None else ""
     units = "" if model.recorded else " m"
     place = ", ".join(f"{value:.4g}" for value in np.round(contact.point, 9) + 0.0)
-    known = f"{name} ({place}){units}" if place else "its one place"
+    known = f"{contact.name} ({place}){units}" if place else "its one place"
     force = f"{blow.impulse:.3g} {'N s' if model.calibrated else 'of the recorded blow'}"
     during = f" in {1000 * blow.duration:.3g} ms" if blow.duration else ""
     return f"struck at {known.strip()} by {force}{during}"

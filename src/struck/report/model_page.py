@@ -77,6 +77,8 @@ def summary(model: ModalModel, *, whole: bool = True) -> list[str]:
     if not isinstance(model.gains, ShapeGains):
         lines += [*_recorded(model), "force     acts as the recorded blow, whatever its direction"]
     lines.append(f"places    {', '.join(sorted(model.places)) or 'none named'}")
+    if (model.places or not model.recorded) and (contact := model.contact()).point.size:
+        lines.append(f"struck    at {contact.place}, unless a place is given")
     lines += _method(model) if whole else []
     lines += [f"note      {loss}" for loss in model.provenance.dropped]
     lines += _lost_to_air(model)

@@ -362,6 +362,26 @@ def unused_roughness(bodies: Sequence[Body]) -> tuple[str, ...]:
     return tuple(f"roughness={body.roughness!r}{told}" for body in bodies if body.roughness)[:1]
 
 
+def default_places(bodies: Sequence[Body]) -> tuple[str, ...]:
+    """Return notes of where bodies are touched by what names no place."""
+    notes = {}
+    for body in bodies:
+        model = body.model
+        bare = [action for action in body.actions if getattr(action, "at", "") is None]
+        if not bare or not isinstance(model, ModalModel):
+            continue
+        contact = model.contact()
+        if not contact.point.size:  # recorded at one place
+            continue
+        speaks = not (model.recorded or contact.name)
+        where = f"{contact.place}{', where its lowest modes speak most' if speaks else ''}"
+        notes |= {f"{_VERBS.get(type(each).__name__, 'touched')} at {where}": None for each in bare}
+    return tuple(f"{note}: no place was given" for note in notes)
+
+
+_VERBS = {"Strike": "struck", "Pluck": "plucked", "Hold": "held"}
+
+
 def doubts(bodies: Sequence[Body], seconds: float | None) -> tuple[str, ...]:
     """Warn of implausible speeds and impulses; return a note of actions after the end."""
     from struck.excitation.strike import Strike

@@ -35,6 +35,7 @@ from struck.scene.body import (
     Scene,
     away_from,
     centre_of,
+    default_places,
     doubts,
     place_beside,
     unknowns,
@@ -96,7 +97,7 @@ def render(
     names = [name for name, body in zip(names, every, strict=True) if not body.silent]
     names = names if len(every) > 1 else []
     bodies = [body for body in every if not body.silent]
-    told += () if logged else unused_roughness(bodies)
+    told += () if logged else (*default_places(bodies), *unused_roughness(bodies))
     told += doubts(bodies, seconds)
     bodies = [without_late_holds(body, seconds) for body in bodies]
     if isinstance(model, ModalModel) and not (room or is_listener(listener)):

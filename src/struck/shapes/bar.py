@@ -373,6 +373,13 @@ class Bar(Shape):
             details=self._details(material),
         )
 
+    @property
+    def playing_place(self) -> str | None:
+        """Name of the place where it is struck by default: the end of a tube."""
+        section = self.profile
+        hollow = isinstance(section, RoundSection) and (section.wall or math.inf) < section.radius
+        return "end" if hollow else None
+
     def solid(self) -> Counterpart:
         """Return the block or tube that the bar idealises, in this frame.
 

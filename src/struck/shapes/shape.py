@@ -111,6 +111,11 @@ class Shape(ABC):
         """Contacts by name on its top, m (3,)."""
         return self.geometry.places
 
+    @property
+    def playing_place(self) -> str | None:
+        """Name of the place where it is struck by default; None: where its low modes speak."""
+        return None
+
     @abstractmethod
     def vibration(self, material: Material, highest: float) -> Vibration:
         """Return every mode of a `material` up to `highest` Hz.
@@ -277,6 +282,7 @@ class Counterpart:
     ends: tuple[tuple[int, float], ...] = ()
     rim: float | None = None  # held from this distance from the axis z on, m
     places: Mapping[str, Array] = field(default_factory=lambda: MappingProxyType({}))
+    playing_place: str | None = None
 
     def volume_mesh(self, accuracy: str = "standard", finer: float = 1.0) -> VolumeMesh:
         """Return the solid's elements in this frame."""

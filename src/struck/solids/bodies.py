@@ -232,6 +232,11 @@ class Tube:
         heights = {"middle": 0.0, "quarter": 0.25, "end": 0.5 - INSET}
         return _frozen({k: (self.radius, 0, z * self.length) for k, z in heights.items()})
 
+    @property
+    def playing_place(self) -> str:
+        """Name of the place where a tube is struck by default: where all bending modes speak."""
+        return "end"
+
     def volume_mesh(self, accuracy: str = "standard", finer: float = 1.0) -> VolumeMesh:
         """Return curved 20-node hexahedra; see `struck.solids.Block.volume_mesh`."""
         counts = self.elements or tube_counts(self.length, self.radius, self.wall, accuracy)

@@ -161,6 +161,11 @@ class Revolution:
         points = self._section.places()
         return MappingProxyType({name: np.array([r, 0.0, z]) for name, (r, z) in points.items()})
 
+    @property
+    def playing_place(self) -> str | None:
+        """Name of the place where it is struck by default: the rim of a shell that has one."""
+        return "rim" if self.wall is not None and "rim" in self.places else None
+
     def volume_mesh(self, accuracy: str = "standard", finer: float = 1.0) -> VolumeMesh:
         """Return curved 20-node hexahedra, no pole; see `struck.solids.Block.volume_mesh`."""
         begun = self.elements or self._counts(accuracy)

@@ -1,10 +1,9 @@
 /** The page: it brings together the room, the instrument and the panels. */
 
-import { resolved } from './excitation/hertz.js';
 import { FormatError, readModel } from './model/model.js';
 import { fetchChange, fetchDrive, fetchModel, fetchRoom, follow } from './connection.js';
 import { say, unsay } from './panel/messages.js';
-import { ModeList, Ringing, loudness } from './panel/modes.js';
+import { ModeList, Ringing } from './panel/modes.js';
 import { ObjectList } from './panel/objects.js';
 import { ObjectPanel } from './panel/object.js';
 import { Spectrum } from './panel/spectrum.js';
@@ -207,28 +206,24 @@ function release({ id }) {
   instrument.release(id);
 }
 
-/** Strike the chosen object at one of its numbered points. */
+/** Strike the chosen object at one of its numbered points: at the first where it is played. */
 function strikeNumber(number) {
   const id = current();
-  const place = objects.told.get(id)?.facts.points[number];
-  if (!place) return;
+  if (!objects.told.get(id)?.facts.points[number]) return;
   choose(id);
-  const point = place.point ?? [0, 0, 0];
-  strikeAt(id, { point: scaled(id, point), direction: place.direction ?? undefined });
+  strikeAt(id, numbered(id, number));
 }
 
-/** Strike the chosen object where it is loudest. */
-function strikeLoudest() {
-  const id = current();
-  if (!id) return;
-  choose(id);
-  strikeAt(id, loudestOf(id));
+/** Return where one of an object's numbered points is on the body as it is now. */
+function numbered(id, number) {
+  const { point, direction } = objects.told.get(id).facts.points[number];
+  return { point: scaled(id, point ?? [0, 0, 0]), direction: direction ?? undefined };
 }
 
 function dampLast(on) {
   const id = page.chosen;
   if (!id) return;
-  if (on) instrument.hold(id, page.last.get(id) ?? instrument.model(id).contact(loudestOf(id)));
+  if (on) instrument.hold(id, page.last.get(id) ?? instrument.model(id).contact(numbered(id, 0)));
   else instrument.release(id);
 }
 
@@ -352,20 +347,10 @@ get('simple').checked = room.stage?.simple ?? true;
 get('simple').disabled = !room.stage;
 get('simple').onchange = (event) => room.stage.simplify(event.target.checked);
 get('whole').onclick = () => { room.home(); get('whole').hidden = true; };
-get('hit').onclick = strikeLoudest;
+get('hit').onclick = () => strikeNumber(0);
 const damp = get('damp');
 for (const name of ['pointerdown', 'keydown']) damp.addEventListener(name, (event) => (event.key ?? ' ') === ' ' && dampLast(true));
 for (const name of ['pointerup', 'pointercancel', 'keyup', 'blur']) damp.addEventListener(name, () => dampLast(false));
-
-/** Return that of an object's numbered points where the chosen striker sounds loudest. */
-function loudestOf(id) {
-  const model = instrument.model(id);
-  const contacts = objects.told.get(id).facts.points.map(({ point, direction }) => (
-    model.contact({ point: scaled(id, point ?? [0, 0, 0]), direction: direction ?? undefined })));
-  const levels = contacts.map((contact) => loudness(model, contact, resolved(model, contact, { striker: heads.strikers[page.striker], speed: page.speed })));
-  const { point, direction } = contacts[levels.indexOf(Math.max(...levels))];
-  return { point, direction: model.recorded ? undefined : direction };
-}
 
 /** What keys do, wherever the focus is but in a field that needs them itself. */
 function key(event) {
@@ -374,7 +359,7 @@ function key(event) {
   const digit = /^[0-9]$/.test(event.key) ? (Number(event.key) + 9) % 10 : null;
   if (step) choose(objects.beside(page.chosen, step));
   else if (digit !== null) event.repeat || strikeNumber(digit);
-  else if (event.key === ' ' && !event.target.matches('button, summary')) event.repeat || strikeLoudest();
+  else if (event.key === ' ' && !event.target.matches('button, summary')) event.repeat || strikeNumber(0);
   else if (event.key === 'd' || event.key === 'D') event.repeat || dampLast(true);
   else if (event.key === 'm' || event.key === 'M') modes.next();
   else if (event.key === '+' || event.key === '=') room.zoom(0.85);

@@ -33,18 +33,6 @@ function pulseShare(frequency, duration) {
   return Math.abs(gap) < 1e-6 ? Math.PI / 4 : Math.abs(Math.cos(Math.PI * turns) / gap);
 }
 
-/** Return what a blow makes a body give off, by the energy of its modes. */
-export function loudness(model, contact, { impulse, duration }) {
-  const drive = model.drive(contact);
-  let energy = 0;
-  for (let n = 0; n < model.count; n += 1) {
-    const size = drive[n] * Math.hypot(model.outputs[2 * n], model.outputs[2 * n + 1]);
-    const share = impulse * pulseShare(model.frequencies[n], duration);
-    energy += (size * share) ** 2 / Math.max(model.decays[n], 0.1);
-  }
-  return energy;
-}
-
 /** How loudly each mode of a body rings, followed from what strikes it. */
 export class Ringing {
   constructor(model) {

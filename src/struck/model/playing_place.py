@@ -1,0 +1,184 @@
+"""The place where a body is struck by default, and the one where it is loudest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from struck.model.arrays import Array, Index
+from struck.model.gains import ShapeGains
+from struck.model.mesh import Mesh, places_of
+
+if TYPE_CHECKING:
+    from struck.model.model import ModalModel
+
+# Of the default strike, by the wooden head of `strikers.toml` at 0.5 m/s: kg, Pa, and what makes a
+# duration of a mass and a softness, (m / E*)^0.4.
+_HEAD, _HEAD_MODULUS, _TOUCHED = 0.015, 1.1396e9, 7.9797
+_LOUDEST_PART = 0.125  # s: over the loudest 1/8 s, as the ear does, levels of places are taken
+_LONGEST = 10.0  # s: the longest sound that `struck.render` makes of a strike by itself
+_HIGHEST = 24e3  # Hz: half the default sample rate, from which modes are left out of a sound
+_MOST_FACES = 1000  # that are tried, evenly among all: they lie a thirtieth of a body apart
+_ONE_LINE = 2e-3  # of the frequency: closer modes, as twins, make one line of a spectrum
+# Which of the lowest lines count, and how: chosen by the figures of 45 bodies (closed forms, solids
+# and meshes), so that the lines that can come within 20 dB of the strongest one do.
+_LINES = 3
+_HEARD = -30.0  # dB re the strongest line: what is weaker at every place does not count
+_ENOUGH, _LOST = -10.0, -25.0  # dB: a line need not be stronger, and is as good as absent
+_SLOPE = 2.0  # dB of the place's level that a line is worth for each dB between the two
+_SOFTEST = -15.0  # dB re the loudest place: softer ones are not taken
+_STILL = -25.0  # dB: a body's own playing place counts as held where it is softer
+# What a place by name may be worse by: people can tell each other such places, and axes less so.
+_NAMED, _AXIS = 3.0, 2.0  # dB
+_ALIKE = 0.5  # dB: of places so alike, as those of a symmetric body, the highest is taken
+_NAMED_AND_LOUD = 0.5  # dB
+_ROUNDED = 1e-4  # of the extent
+
+
+def playing_place(model: ModalModel) -> tuple[Array, str | None]:
+    """Return the place (3,), m, where a model with a surface is struck by default, and its name.
+
+    It is the one that `model.playing_place` names, unless the body is held there. Else it is the
+    loudest one but for what its three lowest lines lack: of the lines that can be heard (-30 dB re
+    the strongest at some place), each that is more than 10 dB below the strongest line there
+    counts as 2 dB for each dB of that. A place by name is preferred.
+    """
+    gains, surface = _surface(model)
+    if not len(model.decays):
+        return places_of(surface)["top"], "top"
+    places = _Candidates.of(model, gains, surface)
+    levels = places.levels
+    levels = levels - levels.max()
+    if model.playing_place in places.names:
+        number = places.names.index(model.playing_place)
+        if levels[number] >= _STILL:
+            return places.points[number], model.playing_place
+    loud = levels >= _SOFTEST
+    lines = places.lines
+    heard = np.flatnonzero(lines[loud].max(axis=0) >= _HEARD)[:_LINES]
+    lacking = np.clip(_ENOUGH - lines[:, heard], 0.0, _ENOUGH - _LOST).sum(axis=1)
+    return places.best(np.where(loud, levels - _SLOPE * lacking, -np.inf), _NAMED, _AXIS)
+
+
+def loudest_place(model: ModalModel) -> tuple[Array, str | None]:
+    """Return the place (3,), m, where a default strike is loudest at the default ear, and its name.
+
+    It is one of the places by name unless another is at least 0.5 dB above them.
+    """
+    gains, surface = _surface(model)
+    if not len(model.decays):
+        return places_of(surface)["top"], "top"
+    places = _Candidates.of(model, gains, surface)
+    return places.best(places.levels, _NAMED_AND_LOUD, _NAMED_AND_LOUD)
+
+
+def _surface(model: ModalModel) -> tuple[ShapeGains, Mesh]:
+    gains, surface = model.gains, model.geometry
+    if surface is None or not isinstance(gains, ShapeGains):
+        raise TypeError(f"{type(gains).__name__} have no surface")
+    return gains, surface
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Candidates:
+    """Places by name, then others all over a body, and a default strike at each."""
+
+    points: Array  # (K, 3), m
+    names: tuple[str, ...]  # of the first ones
+    levels: Array  # (K,): of the sound, dB
+    lines: Array  # (K, L): of lines of the spectrum by ascending frequency, dB re the strongest
+    keys: Array  # (K, 3): rounded places, upward last
+
+    @classmethod
+    def of(cls, model: ModalModel, gains: ShapeGains, surface: Mesh) -> _Candidates:
+        names = tuple(sorted(model.places, key=lambda name: name[0] in "+-"))
+        named = np.array([model.places[name] for name in names]).reshape(-1, 3)
+        _, faces, named = gains.locator.closest(named)
+        spread, pushes, of = _spread(gains, surface, len(model.coordinates))
+        points = np.concatenate([named, spread])
+        ways = np.concatenate([-surface.normals_at(faces, named), pushes])
+        on = None if of is None else np.concatenate([faces, of])
+        masses, durations = default_blows(model, points, ways)
+        ear = gains.centre + max(1.0, 2 * gains.radius) * np.eye(3)[0]
+        outputs = np.abs(gains.toward(ear[None])[0, 0])
+        strengths = gains.at(points, ways, on)[:, 0] * masses[:, None]
+        strengths *= outputs * _pulses(model.frequencies, durations)
+        heard = _mean(2 * model.decays, _LOUDEST_PART)
+        tall = strengths * (_mean(model.decays, _LONGEST) * (model.frequencies < _HIGHEST))
+        lines = np.add.reduceat(np.square(tall), _starts(model.frequencies), axis=1)
+        axes = ("xyz".index(surface.up) + np.array([2, 1, 0])) % 3
+        return cls(
+            points=points,
+            names=names,
+            levels=_decibels(np.square(strengths) @ heard),
+            lines=_decibels(lines) - _decibels(lines.max(axis=1, keepdims=True)),
+            keys=np.round(points[:, axes] / (_ROUNDED * surface.extent)),
+        )
+
+    def best(self, scores: Array, named: float, axis: float) -> tuple[Array, str | None]:
+        """Return the place of the highest score, dB, with what a name is worth; and its name."""
+        count = len(self.names)
+        worth = [axis if name[0] in "+-" else named for name in self.names]
+        first = scores[:count] + worth
+        others = scores[count:]
+        if not len(others) or (count and first.max() >= others.max()):
+            number = int(np.argmax(first))
+            return self.points[number], self.names[number]
+        alike = count + np.flatnonzero(others >= others.max() - _ALIKE)
+        return self.points[alike[np.lexsort(self.keys[alike].T)[-1]]], None
+
+
+def _spread(gains: ShapeGains, surface: Mesh, axes: int) -> tuple[Array, Array, Index | None]:
+    """Return places all over the outside of a body, pushes into it (K, 3), and their faces."""
+    normals, points = surface.face_normals, surface.centroids
+    outside = np.einsum("fd,fd->f", normals, points - gains.centre) > 0
+    if gains.formula is not None:  # it moves along z alone: its top, of a slender body the middle
+        outside = normals[:, 2] > np.sqrt(0.5)
+    chosen = np.flatnonzero(outside) if outside.any() else np.arange(len(points))
+    chosen = chosen[:: -(-len(chosen) // _MOST_FACES)]
+    if gains.formula is None:
+        return points[chosen], -normals[chosen], chosen
+    top = points[chosen].copy()
+    top[:, axes:] = surface.bounds.mean(axis=0)[axes:]
+    top[:, 2] = surface.bounds[1, 2]
+    return top, np.tile([0.0, 0.0, -1.0], (len(top), 1)), None
+
+
+def default_blows(model: ModalModel, points: Array, ways: Array) -> tuple[Array, Array]:
+    """Return masses in contact (K,), kg, and durations (K,), s, of default strikes."""
+    lightness = np.full(len(points), 1 / _HEAD)
+    if not (model.supported or model.mass is None or model.centre is None or model.inertia is None):
+        torques = np.cross(points - model.centre, ways)
+        turned = np.linalg.solve(model.inertia, torques.T).T
+        lightness += 1 / model.mass + np.einsum("kd,kd->k", torques, turned)
+    softness, body = 1 / _HEAD_MODULUS, model.material
+    if body is not None:
+        softness += (1 - body.poisson_ratio**2) / body.youngs_modulus
+    return 1 / lightness, _TOUCHED * (softness / lightness) ** 0.4
+
+
+def _pulses(frequencies: Array, durations: Array) -> Array:
+    """Return the spectra at frequencies, Hz, of half-sines of some durations, s (K, M)."""
+    cycles = np.multiply.outer(durations, frequencies)
+    return (np.sinc(cycles - 0.5) + np.sinc(cycles + 0.5)) * np.pi / 4
+
+
+def _mean(rates: Array, seconds: float) -> Array:
+    """Return the mean of exp(-rate t) over some seconds (M,)."""
+    losses = np.maximum(rates * seconds, np.finfo(np.float32).tiny)
+    return -np.expm1(-losses) / losses
+
+
+def _starts(frequencies: Array) -> Index:
+    """Return where each line begins, of frequencies that ascend but for damping, Hz (M,)."""
+    starts = [0]
+    for mode, frequency in enumerate(frequencies):
+        if frequency - frequencies[starts[-1]] > _ONE_LINE * frequency:
+            starts.append(mode)
+    return np.array(starts)
+
+
+def _decibels(powers: Array) -> Array:
+    return 10 * np.log10(np.maximum(powers, np.finfo(np.float64).tiny))
