@@ -834,7 +834,7 @@ def _verbs(folder: Path) -> dict[str, Call]:
         ),
         "show": Call(
             made=struck.show,
-            given={"model": bar(), "path": picture, "strike": None, "modes": None},
+            given={"model": bar(), "path": picture, "strike": None, "nodal_lines": 1},
             dear=True,
         ),
         "compare": Call(

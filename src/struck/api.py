@@ -482,6 +482,7 @@ def show(
     field: int | str | None = None,
     strike: Strike | None = None,
     modes: int | None = None,
+    nodal_lines: int | None = None,
 ) -> Figure:
     """Draw a model: its shape, first modes and the spectrum of a strike; or one thing of it.
 
@@ -490,9 +491,15 @@ def show(
     model : ModalModel
     path : path, optional
         Where to save the picture too; the ending tells its format.
-    field, strike, modes : int or "brightness", Strike, int, optional
-        Number of a mode for its directivity, or the brightness of a strike all around; a blow, for
-        the surface as it moves after it (2002, figure 4); a number of mode shapes, without more.
+    field : int or "brightness", optional
+        Index of a mode, from 0, for its directivity; or the brightness of a strike all around.
+    strike : Strike, optional
+        A blow, for the surface as it moves after it (2002, figure 4).
+    modes : int, optional
+        Number of mode shapes, drawn alone.
+    nodal_lines : int, optional
+        Number of modes that are drawn from the broad side of a flat body, from above of others,
+        with their nodal lines, as Chladni's figures show them.
 
     Returns
     -------
@@ -506,7 +513,7 @@ def show(
     """
     from struck.report.model_pictures import picture_of
 
-    return picture_of(model, path, field=field, strike=strike, modes=modes)
+    return picture_of(model, path, field=field, strike=strike, modes=modes, nodal_lines=nodal_lines)
 
 
 def compare(

@@ -170,7 +170,7 @@ def test_a_budget_of_modes_keeps_the_sonic_distance_that_it_states(modes: int) -
 
 def test_a_budget_of_what_sounds_is_told_in_its_notes() -> None:
     model = struck.analyze(Bar(length=0.3, width=0.03, thickness=0.005), "steel", recoil=False)
-    most, tap = len(model.frequencies), struck.Strike(impulse=1e-3)
+    most, tap = len(model.frequencies), struck.Strike(at="end", impulse=1e-3)
     few = budgeted(model, 3)
     told = few.provenance.dropped[-1]
     assert f"{most - 3} of {most} modes" in told

@@ -37,7 +37,7 @@ def dipole() -> ModalModel:
 
 def test_a_dipole_is_4_8_db_louder_along_its_axis_than_on_average() -> None:
     figure = struck.show(dipole(), field=0)
-    assert "20 Hz, loudest 4.8 dB above" in figure.get_suptitle()
+    assert "mode 1: 20 Hz, loudest 4.8 dB above" in figure.get_suptitle()
     above = figure.axes[1].lines[0].get_ydata()  # along x loud, along y silent
     np.testing.assert_allclose(np.asarray(above)[[0, 180]], 30.0, atol=0.1)
     assert np.asarray(above)[90] < 5
@@ -99,6 +99,13 @@ def test_what_has_no_field_or_no_such_mode_is_told() -> None:
 def a_membrane() -> struck.ModalModel:
     shape = RectangularMembrane(length=0.3, width=0.3, thickness=1e-4, tension=30_000.0)
     return struck.analyze(shape, "steel", band=(20, 2000))
+
+
+def plain_recording() -> ModalModel:
+    """Return a model of recordings at one place."""
+    model = a_membrane()
+    single = SinglePoint(outputs=np.ones(len(model.frequencies), complex))
+    return replace(model, gains=single, geometry=None, places={})
 
 
 def test_the_response_to_a_blow_is_that_of_the_integrated_modes() -> None:
@@ -176,9 +183,7 @@ def test_pictures_that_cannot_be_drawn_are_refused() -> None:
     for wrong in (0, 65):
         with pytest.raises(OptionError, match="give 1 to"):
             struck.show(model, modes=wrong)
-    single = SinglePoint(outputs=np.ones(len(model.frequencies), complex))
-    recorded = replace(model, gains=single, geometry=None, places={})
     with pytest.raises(OptionError, match="no mode shapes to draw"):
-        struck.show(recorded, strike=Strike())
+        struck.show(plain_recording(), strike=Strike())
     with pytest.raises(OptionError, match="numbers"):
         grid_picture([[0, 0]], [[1, 1, 1]])

@@ -307,7 +307,7 @@ class _Work:
         return replace(modes, errors=errors, complete_to=certain, provenance=provenance)
 
     def model(self, modes: Modes, elements: Elements, radiation: str, lowest: float) -> ModalModel:
-        """Return the model of the modes, with its outermost places and those of the elements."""
+        """Return the model of the modes, with its outermost places and the elements' places."""
         places, playing = {**places_of(modes.surface), **elements.places}, elements.playing_place
         self.stages.progress("computing how loudly modes radiate", 0.0)
         return self.stages.kept(

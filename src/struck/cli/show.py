@@ -26,6 +26,7 @@ EXAMPLES = (
     "bell.struck -o bell.png",
     "bell.struck --strike rim",
     "bell.struck --modes 9",
+    "plate.struck --nodal-lines 9",
     "bell.struck --field brightness",
     "plan.toml --pitch 0.3",
 )
@@ -41,6 +42,9 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--strike", metavar="PLACE", type=place, help="how the surface moves then")
     parser.add_argument("--modes", type=int, metavar="N", help="shapes of the first N modes alone")
     parser.add_argument(
+        "--nodal-lines", type=int, metavar="N", help="of the first N modes, from the broad side"
+    )
+    parser.add_argument(
         "--pitch", type=length, help="of a plan, m a unit of its contacts, where names tell no unit"
     )
 
@@ -54,7 +58,7 @@ def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
         kind="pictures",
     )
     planned = Path(options.model).suffix == ".toml"
-    others = ("field", "strike", "modes") if planned else ("pitch",)
+    others = ("field", "strike", "modes", "nodal_lines") if planned else ("pitch",)
     refuse(options, others, f"is for a {'model' if planned else 'plan'}: give one")
     if planned:
         save(_planned(options.model, options.pitch), output)
@@ -62,7 +66,14 @@ def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
     field = int(options.field) if (options.field or "").isdigit() else options.field
     strike = None if options.strike is None else struck.Strike(at=options.strike)
     model = struck.load(options.model)
-    struck.show(model, output, field=field, strike=strike, modes=options.modes)
+    struck.show(
+        model,
+        output,
+        field=field,
+        strike=strike,
+        modes=options.modes,
+        nodal_lines=options.nodal_lines,
+    )
     return Result(f"wrote {output}", output=str(output))
 
 

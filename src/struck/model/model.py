@@ -217,7 +217,8 @@ class ModalModel:
         if at is None or loudest:
             from struck.model.playing_place import loudest_place, playing_place
 
-            point, name = (loudest_place if loudest else playing_place)(self)
+            find = loudest_place if loudest else playing_place
+            point, name = find(self, self.gains, self.geometry)
         else:
             name = at if isinstance(at, str) else None
             axes = len(self.coordinates)

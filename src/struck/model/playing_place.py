@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
 from struck.model.arrays import Array, Index
 from struck.model.gains import ShapeGains
+from struck.model.material import Material
 from struck.model.mesh import Mesh, places_of
-
-if TYPE_CHECKING:
-    from struck.model.model import ModalModel
 
 # Of the default strike, by the wooden head of `strikers.toml` at 0.5 m/s: kg, Pa, and what makes a
 # duration of a mass and a softness, (m / E*)^0.4.
@@ -37,7 +36,41 @@ _NAMED_AND_LOUD = 0.5  # dB
 _ROUNDED = 1e-4  # of the extent
 
 
-def playing_place(model: ModalModel) -> tuple[Array, str | None]:
+class _Model(Protocol):
+    """A model as this module needs it, which stands below that of models."""
+
+    @property
+    def frequencies(self) -> Array: ...
+
+    @property
+    def decays(self) -> Array: ...
+
+    @property
+    def material(self) -> Material | None: ...
+
+    @property
+    def mass(self) -> float | None: ...
+
+    @property
+    def centre(self) -> Array | None: ...
+
+    @property
+    def inertia(self) -> Array | None: ...
+
+    @property
+    def supported(self) -> bool: ...
+
+    @property
+    def places(self) -> Mapping[str, Array]: ...
+
+    @property
+    def playing_place(self) -> str | None: ...
+
+    @property
+    def coordinates(self) -> tuple[str, ...]: ...
+
+
+def playing_place(model: _Model, gains: ShapeGains, surface: Mesh) -> tuple[Array, str | None]:
     """Return the place (3,), m, where a model with a surface is struck by default, and its name.
 
     It is the one that `model.playing_place` names, unless the body is held there. Else it is the
@@ -45,7 +78,6 @@ def playing_place(model: ModalModel) -> tuple[Array, str | None]:
     the strongest at some place), each that is more than 10 dB below the strongest line there
     counts as 2 dB for each dB of that. A place by name is preferred.
     """
-    gains, surface = _surface(model)
     if not len(model.decays):
         return places_of(surface)["top"], "top"
     places = _Candidates.of(model, gains, surface)
@@ -62,23 +94,15 @@ def playing_place(model: ModalModel) -> tuple[Array, str | None]:
     return places.best(np.where(loud, levels - _SLOPE * lacking, -np.inf), _NAMED, _AXIS)
 
 
-def loudest_place(model: ModalModel) -> tuple[Array, str | None]:
+def loudest_place(model: _Model, gains: ShapeGains, surface: Mesh) -> tuple[Array, str | None]:
     """Return the place (3,), m, where a default strike is loudest at the default ear, and its name.
 
     It is one of the places by name unless another is at least 0.5 dB above them.
     """
-    gains, surface = _surface(model)
     if not len(model.decays):
         return places_of(surface)["top"], "top"
     places = _Candidates.of(model, gains, surface)
     return places.best(places.levels, _NAMED_AND_LOUD, _NAMED_AND_LOUD)
-
-
-def _surface(model: ModalModel) -> tuple[ShapeGains, Mesh]:
-    gains, surface = model.gains, model.geometry
-    if surface is None or not isinstance(gains, ShapeGains):
-        raise TypeError(f"{type(gains).__name__} have no surface")
-    return gains, surface
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -92,7 +116,7 @@ class _Candidates:
     keys: Array  # (K, 3): rounded places, upward last
 
     @classmethod
-    def of(cls, model: ModalModel, gains: ShapeGains, surface: Mesh) -> _Candidates:
+    def of(cls, model: _Model, gains: ShapeGains, surface: Mesh) -> _Candidates:
         names = tuple(sorted(model.places, key=lambda name: name[0] in "+-"))
         named = np.array([model.places[name] for name in names]).reshape(-1, 3)
         _, faces, named = gains.locator.closest(named)
@@ -118,7 +142,7 @@ class _Candidates:
         )
 
     def best(self, scores: Array, named: float, axis: float) -> tuple[Array, str | None]:
-        """Return the place of the highest score, dB, with what a name is worth; and its name."""
+        """Return the place (3,), m, of the highest score (K,), dB, and its name."""
         count = len(self.names)
         worth = [axis if name[0] in "+-" else named for name in self.names]
         first = scores[:count] + worth
@@ -146,7 +170,7 @@ def _spread(gains: ShapeGains, surface: Mesh, axes: int) -> tuple[Array, Array, 
     return top, np.tile([0.0, 0.0, -1.0], (len(top), 1)), None
 
 
-def default_blows(model: ModalModel, points: Array, ways: Array) -> tuple[Array, Array]:
+def default_blows(model: _Model, points: Array, ways: Array) -> tuple[Array, Array]:
     """Return masses in contact (K,), kg, and durations (K,), s, of default strikes."""
     lightness = np.full(len(points), 1 / _HEAD)
     if not (model.supported or model.mass is None or model.centre is None or model.inertia is None):

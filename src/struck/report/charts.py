@@ -34,6 +34,7 @@ _TICKS = (20, 50, 100, 200, 500, 1000, 2000, 5000, 10000, 20000)
 _SHORTEST = 0.1  # sounds are padded to this length before their spectrum is drawn, s
 PICTURES = (".png", ".pdf", ".svg")
 _HEARING = 2e-5  # Pa
+_PREFIXES = {"k": 1e3, "": 1.0, "m": 1e-3, "\N{MICRO SIGN}": 1e-6, "n": 1e-9}
 _MODES = 5  # mode shapes in an overview
 
 
@@ -55,7 +56,9 @@ def spectrogram(sound: Sound, lowest: float | None = None) -> Figure:
 
 @in_default_style
 @checked
-def overview(model: ModalModel, sound: Sound | None = None, title: str | None = None) -> Figure:
+def overview(
+    model: ModalModel, sound: Sound | None = None, title: str | None = None, *, at: str = ""
+) -> Figure:
     """Draw a body, its first modes, and the spectrum of a sound, or else the decays of its modes.
 
     Parameters
@@ -65,12 +68,14 @@ def overview(model: ModalModel, sound: Sound | None = None, title: str | None = 
         Of the model.
     title : str, optional
         Above the picture.
+    at : str
+        Where the sound's strike was, in words, above its spectrum.
     """
     if not len(model.frequencies) and model.recoil is None:
         sound = None  # nothing is heard
-    title = _title(model) if title is None else title
+    title = description(model) if title is None else title
     if not isinstance(model.gains, ShapeGains):  # of a body that was recorded
-        return _unshaped_overview(model, sound, title)
+        return _unshaped_overview(model, sound, title, at)
     painter = Painter.of(model.gains.surface)
     modes = min(_MODES, len(model.frequencies))
     height = float(np.clip(2.1 / painter.aspect, 1.2, 3.6)) + 1.3
@@ -86,7 +91,7 @@ def overview(model: ModalModel, sound: Sound | None = None, title: str | None = 
     if sound is None:
         _draw_ringing(levels, model)
     else:
-        _draw_spectrum(levels, sound)
+        _draw_spectrum(levels, sound, model, at)
     return figure
 
 
@@ -177,19 +182,39 @@ def decibels(power: Array) -> Array:
     return 10 * np.log10(np.maximum(power / max(power.max(), 1e-300), 1e-20))
 
 
+def significant(value: float, digits: int = 2) -> str:
+    """Return a number with some significant digits and without an exponent, as 170, not 1.7e+02."""
+    if not value or not np.isfinite(value):
+        return f"{value:g}"
+    places = digits - 1 - int(np.floor(np.log10(abs(value))))
+    rounded = round(float(value), places)
+    text = f"{rounded:.{max(places, 0)}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def quantity(value: float, unit: str, digits: int = 2) -> str:
+    """Return a number with its unit, whose prefix keeps it between 1 and 1000, as "170 µm"."""
+    rounded = float(f"{value:.{digits - 1}e}")
+    if not rounded:
+        return f"0 {unit}"
+    fitting = (each for each, factor in _PREFIXES.items() if abs(rounded) >= factor)
+    prefix = next(fitting, "n")
+    return f"{significant(rounded / _PREFIXES[prefix], digits)} {prefix}{unit}"
+
+
 def plain(text: str) -> str:
     """Return a text from outside for a picture, where two $ would begin a formula."""
     return text.replace("$", r"\$")
 
 
 @in_default_style
-def _unshaped_overview(model: ModalModel, sound: Sound | None, title: str) -> Figure:
+def _unshaped_overview(model: ModalModel, sound: Sound | None, title: str, at: str) -> Figure:
     figure = chart(11.0, 4.2)
     figure.suptitle(plain(title), fontsize=13, color=INK)
     panels = figure.subplots(1, 1 if sound is None else 2, squeeze=False)[0]
     _draw_ringing(panels[0], model)
     if sound is not None:
-        _draw_spectrum(panels[1], sound)
+        _draw_spectrum(panels[1], sound, model, at)
     return figure
 
 
@@ -198,14 +223,14 @@ def _draw_modes(
 ) -> None:
     modes = range(count)
     shapes = [gains.shapes[:, :, mode].astype(np.float64) for mode in modes]
-    titles = [f"{mode + 1}:  {_hertz(model.frequencies[mode])}" for mode in modes]
+    titles = [f"{mode + 1}:  {hertz(model.frequencies[mode])}" for mode in modes]
     times = [np.log(1000) / decay if decay else None for decay in model.decays[modes]]
-    captions = [f"T60 {time:.2g} s" if time else "undamped" for time in times]
+    captions = [f"T60 {significant(time)} s" if time else "undamped" for time in times]
     painter.paint_modes(figure, shapes, titles, captions)
 
 
-def _draw_spectrum(axes: Axes, sound: Sound) -> None:
-    """Draw the spectrum of a sound, its strongest peaks labelled in Hz."""
+def _draw_spectrum(axes: Axes, sound: Sound, model: ModalModel, at: str) -> None:
+    """Draw the spectrum of a sound from the lowest mode on, its strongest peaks labelled."""
     frequencies, levels = _levels(sound)
     axes.plot(frequencies, levels, color=BLUE, linewidth=0.8)
     peaks = _peaks(frequencies, levels)
@@ -215,9 +240,11 @@ def _draw_spectrum(axes: Axes, sound: Sound) -> None:
             textcoords="offset points", ha="center", fontsize=8, color=INK,
         )  # fmt: skip
     highest = sound.sample_rate / 2
-    frequency_axis(axes, _lowest_shown(frequencies[peaks], highest), highest)
+    shown = np.concatenate([frequencies[peaks], model.frequencies[model.of_object][:1]])
+    frequency_axis(axes, _lowest_shown(shown, highest), highest)
     axes.set(xlabel="frequency (Hz)", ylabel="level (dB, strongest = 0)", ylim=(-RANGE, 8))
-    axes.set_title(_heading(sound), fontsize=10, color=INK)
+    struck = f"struck at {at}\n" if at else ""
+    axes.set_title(f"{struck}{_heading(sound)}", fontsize=10, color=INK)
 
 
 def _draw_ringing(axes: Axes, model: ModalModel) -> None:
@@ -267,20 +294,25 @@ def _heading(sound: Sound) -> str:
     if not sound.calibrated or not sound.peak:
         return f"{sound.duration:.2f} s, relative level"
     level = 20 * np.log10(sound.peak / _HEARING)
-    return f"{sound.duration:.2f} s, peak {sound.peak:.3g} Pa ({level:.0f} dB)"
+    return f"{sound.duration:.2f} s, peak {quantity(sound.peak, 'Pa', 3)} ({level:.0f} dB)"
 
 
-def _hertz(frequency: float) -> str:
+def hertz(frequency: float) -> str:
+    """Return a frequency in words."""
     return f"{frequency:.1f} Hz" if frequency < 1000 else f"{frequency / 1000:.3f} kHz"
 
 
 def _dimensions(gains: ShapeGains) -> str:
     size = np.ptp(gains.surface.bounds, axis=0)
     unit, factor = ("mm", 1e3) if size.max() < 1 else ("m", 1.0)
-    return " \N{MULTIPLICATION SIGN} ".join(f"{edge * factor:.3g}" for edge in size) + f" {unit}"
+    return (
+        " \N{MULTIPLICATION SIGN} ".join(significant(edge * factor, 3) for edge in size)
+        + f" {unit}"
+    )
 
 
-def _title(model: ModalModel) -> str:
+def description(model: ModalModel) -> str:
+    """Return the material and the mass of a body, for a picture's title."""
     name = "" if model.material is None else model.material.name
-    mass = "" if model.mass is None else f"{model.mass:.3g} kg"
+    mass = "" if model.mass is None else quantity(1e3 * model.mass, "g", 3)
     return ", ".join(part for part in (name, mass) if part)

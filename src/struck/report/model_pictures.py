@@ -19,7 +19,18 @@ from struck.model.model import ModalModel
 from struck.model.picture_style import in_default_style
 from struck.radiation.directivity import RadiatingGains
 from struck.radiation.multipoles import CLOSE
-from struck.report.charts import BLUE, FAINT, INK, ORANGE, chart, overview, save
+from struck.report.charts import (
+    BLUE,
+    FAINT,
+    INK,
+    ORANGE,
+    chart,
+    description,
+    overview,
+    quantity,
+    save,
+)
+from struck.report.nodal_lines import draw_nodal_lines
 from struck.report.surface_picture import Painter
 from struck.scene.body import centre_of, radius_of
 from struck.scene.render import render
@@ -43,6 +54,7 @@ _BODY = "#cfcfcf"
 _SILENT = 1e-6  # of the power of the loudest place in slices: 60 dB below it nothing is heard
 _SOFT = "grey: the body, and where it is 60 dB softer than at the loudest place"
 _SAME = 1e-6  # m
+_WIDE = 8.0  # ratio of frequencies from which ticks at 1, 2 and 5 are enough
 
 
 @checked
@@ -53,9 +65,10 @@ def picture_of(
     field: int | str | None = None,
     strike: Strike | None = None,
     modes: int | None = None,
+    nodal_lines: int | None = None,
 ) -> Figure:
     """Draw a model as `struck.show` does, and save the picture where a path is given."""
-    given = {"field": field, "strike": strike, "modes": modes}
+    given = {"field": field, "strike": strike, "modes": modes, "nodal_lines": nodal_lines}
     asked = [name for name, value in given.items() if value is not None]
     if len(asked) > 1:
         raise OptionError(f"{' and '.join(asked)} are two pictures: ask for one at a time")
@@ -63,8 +76,12 @@ def picture_of(
         figure = _response(model, strike)
     elif modes is not None:
         figure = _mode_shapes(model, modes)
+    elif nodal_lines is not None:
+        count = _count(model, "nodal_lines", nodal_lines)
+        gains, title = _surface_gains(model), description(model)
+        figure = draw_nodal_lines(gains, model.frequencies[:count], title)
     elif field is None:
-        figure = overview(model, render(model, Strike()))
+        figure = overview(model, render(model, Strike()), at=model.contact().place)
     elif not model.gains.directional:
         raise OptionError(
             "the model has no timbre field, it is heard alike on all sides: compute one with "
@@ -81,9 +98,19 @@ def _surface_gains(model: ModalModel) -> ShapeGains:
     if not isinstance(model.gains, ShapeGains) or not len(model.frequencies):
         raise OptionError(
             "the model has no mode shapes to draw, as those of recordings and of bodies without a "
-            "mode in the band: analyze a body, or draw the model without strike= and modes="
+            "mode in the band: analyze a body, or draw the model without strike=, modes= and "
+            "nodal_lines="
         )
     return model.gains
+
+
+def _count(model: ModalModel, name: str, count: int) -> int:
+    """Return how many modes to draw, refused where there are not as many."""
+    _surface_gains(model)
+    most = min(MOST_MODES, len(model.frequencies))
+    if not 0 < count <= most:
+        raise OptionError(f"{name} is {count}: give 1 to {most}, as many as there are to draw")
+    return count
 
 
 # Mode shapes, as figure 4 of 1998, and the response of a surface to a blow, as figure 4 of 2002.
@@ -91,16 +118,13 @@ def _surface_gains(model: ModalModel) -> ShapeGains:
 
 @in_default_style
 def _mode_shapes(model: ModalModel, count: int) -> Figure:
-    gains = _surface_gains(model)
-    if not 0 < count <= min(MOST_MODES, len(model.frequencies)):
-        most = min(MOST_MODES, len(model.frequencies))
-        raise OptionError(f"modes is {count}: give 1 to {most}, as many as there are to draw")
+    gains, count = _surface_gains(model), _count(model, "modes", count)
     columns = math.ceil(math.sqrt(count))
     painter = Painter.of(gains.surface)
     rows = -(-count // columns)
     figure = chart(3.2 * columns, (3.2 / np.clip(painter.aspect, 0.8, 4.0) + 0.5) * rows + 0.8)
     shapes = [gains.shapes[:, :, mode].astype(np.float64) for mode in range(count)]
-    titles = [f"{number}:  {each:.1f} Hz" for number, each in enumerate(model.frequencies[:count])]
+    titles = [f"{n + 1}:  {each:.1f} Hz" for n, each in enumerate(model.frequencies[:count])]
     painter.paint_modes(figure, shapes, titles, [""] * count, columns=columns)
     return figure
 
@@ -154,12 +178,13 @@ def _response(model: ModalModel, strike: Strike) -> Figure:
     velocity, moved = blow_response(model, strike, times)
     painter = Painter.of(gains.surface).toward(-contact.direction)
     titles = [f"impulse on {counted(len(model.frequencies), 'mode')}"]
-    titles += [f"{1e3 * (time - blow.duration / 2):.3g} ms after the blow" for time in times]
+    titles += [f"{quantity(time - blow.duration / 2, 's', 3)} after the blow" for time in times]
     largest = [np.linalg.norm(each, axis=1).max() for each in moved]
-    captions = [f"up to {np.linalg.norm(velocity, axis=1).max():.2g} m/s"]
-    captions += [f"up to {1e6 * each:.2g} µm" for each in largest]
+    captions = [f"up to {quantity(np.linalg.norm(velocity, axis=1).max(), 'm/s')}"]
+    captions += [f"up to {quantity(each, 'm')}" for each in largest]
     figure = chart(13.0, float(np.clip(2.6 / painter.aspect, 1.4, 4.2)) + 1.6)
-    title = f"response to a blow of {blow.impulse:.2g} N s in {1e3 * blow.duration:.2g} ms"
+    during = f" in {quantity(blow.duration, 's')}" if blow.duration else ""
+    title = f"response to a blow of {quantity(blow.impulse, 'N s')}{during} at {contact.place}"
     figure.suptitle(title, fontsize=12, color=INK)
     panels = painter.paint_modes(figure, [velocity, *moved], titles, captions, signed=True)
     panels[0].plot(*(painter.view[:2] @ contact.point), "o", color=ORANGE, ms=7, mec="white")
@@ -242,7 +267,7 @@ def _directivity(model: ModalModel, mode: int | str) -> Figure:
     mean = (powers[:, :-1] * flat[:, :-1]).sum() / flat[:, :-1].sum()
     figure = chart(10.0, 5.2)
     figure.suptitle(
-        f"mode {mode}: {model.frequencies[mode]:.0f} Hz, loudest "
+        f"mode {mode + 1}: {model.frequencies[mode]:.0f} Hz, loudest "
         f"{10 * np.log10(powers.max() / mean):.1f} dB above the mean over directions",
         fontsize=12,
         color=INK,
@@ -317,7 +342,7 @@ def _slices(model: ModalModel) -> Figure:
     least = _SILENT * max(np.nanmax(powers) for _, powers in seen)
     drawn = [np.where(powers >= least, values, np.nan) for values, powers in seen]
     known = np.concatenate([values[np.isfinite(values)] for values in drawn])
-    scale = LogNorm(*np.percentile(known, (1, 99)))
+    scale = LogNorm(*_colour_range(*np.percentile(known, (1, 99)).tolist()))
     for axes, (name, across, up), values in zip(panels, _PLANES, drawn, strict=True):
         axes.set_facecolor(_BODY)
         axes.pcolormesh(
@@ -327,11 +352,25 @@ def _slices(model: ModalModel) -> Figure:
         axes.set(xlabel=f"{'xyz'[across]} (m)", ylabel=f"{'xyz'[up]} (m)", aspect="equal")
         axes.set_title(f"from {name}", fontsize=10, color=INK)
     bar = figure.colorbar(ScalarMappable(scale, "viridis"), ax=list(panels), pad=0.01, label="Hz")
-    ticks = np.geomspace(scale.vmin or 1.0, scale.vmax or 1.0, 5)
-    bar.set_ticks(ticks.tolist(), labels=[f"{each:.0f}" for each in ticks], minor=False)
+    ticks = _round_ticks(scale.vmin or 1.0, scale.vmax or 1.0)
+    bar.set_ticks(ticks, labels=[f"{each:.0f}" for each in ticks], minor=False)
     bar.ax.minorticks_off()
     bar.outline.set_visible(False)  # type: ignore[operator] - stubs take an outline for a spine
     return figure
+
+
+def _colour_range(low: float, high: float) -> tuple[float, float]:
+    """Return the range of frequencies, Hz, that colours show: an octave at least, about theirs."""
+    middle, half = np.sqrt(low * high), max(np.sqrt(high / low), np.sqrt(2.0))
+    return float(middle / half), float(middle * half)
+
+
+def _round_ticks(low: float, high: float) -> list[float]:
+    """Return round numbers within a range of frequencies, Hz, of an octave or more."""
+    decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
+    coarse, fine = (1, 2, 5), (1, 1.2, 1.5, 2, 2.5, 3, 3.5, 4, 5, 6, 7, 8)
+    ticks = np.multiply.outer(decades, coarse if high / low > _WIDE else fine).ravel()
+    return ticks[(ticks >= low) & (ticks <= high)].tolist()
 
 
 def _named(model: ModalModel, contact: Contact) -> str:

@@ -363,7 +363,7 @@ def unused_roughness(bodies: Sequence[Body]) -> tuple[str, ...]:
 
 
 def default_places(bodies: Sequence[Body]) -> tuple[str, ...]:
-    """Return notes of where bodies are touched by what names no place."""
+    """Return notes of the places where excitations without a place touch bodies."""
     notes = {}
     for body in bodies:
         model = body.model
