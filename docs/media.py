@@ -99,7 +99,7 @@ def bowl() -> None:
     model = struck.analyze(shape(), "bronze", accuracy="preview")
     strike = struck.Strike(at="rim", striker="wood", speed=0.5)
     sound = struck.render(model, strike, seconds=3.0)
-    save(overview(model, sound, title="A bronze bowl"), IMAGES / "bowl.png")
+    save(overview(model, sound, title="A bronze bowl", at="the rim"), IMAGES / "bowl.png")
     keep(IMAGES / "bowl.png", "bowl.png")
 
 

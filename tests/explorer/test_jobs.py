@@ -23,6 +23,7 @@ from struck.explorer.facts import facts, peak
 from struck.explorer.jobs import PROCESSES, Jobs
 from struck.explorer.objects import furniture, table, things
 from struck.explorer.server import Explorer
+from struck.solids.revolution import bell
 from tests.explorer.served import Client, opened, patience
 
 
@@ -151,6 +152,15 @@ def test_points_lie_on_the_body_and_apart() -> None:
     np.testing.assert_allclose(nearest, places, atol=1e-12)
     apart = np.linalg.norm(places[:, None] - places, axis=-1) + np.eye(10)
     assert apart.min() > 0.001
+    np.testing.assert_array_equal(places[0], model.contact().point)  # where space strikes it
+    assert points[0]["name"] == model.contact().name
+
+
+def test_the_first_point_of_a_bell_is_its_rim() -> None:
+    cast = replace(bell(), elements=(16, 8, 1))
+    points = facts(struck.analyze(cast, "bronze", band=(20, 2000)))["points"]
+    assert points[0]["name"] == "rim"
+    assert "rim" not in [each["name"] for each in points[1:]]
 
 
 def test_level_of_a_body_without_modes_is_that_of_its_recoil() -> None:

@@ -189,6 +189,7 @@ class BatchReport:
                     sound = render(model, Strike(), seconds=_HEARD)
                     how = counted(row.modes, "mode")
                     how += f" from {row.lowest:.0f} Hz" if row.lowest else ""
+                    how += f", struck at {model.contact().place}"
                 else:
                     sound = struck_as(model, label)
                     impulse = f"{label['impulse']:.2g} N s".replace(" ", "\N{NO-BREAK SPACE}")

@@ -81,7 +81,8 @@ def picture_of(
         gains, title = _surface_gains(model), description(model)
         figure = draw_nodal_lines(gains, model.frequencies[:count], title)
     elif field is None:
-        figure = overview(model, render(model, Strike()), at=model.contact().place)
+        sound, contact = render(model, Strike()), model.contact()
+        figure = overview(model, sound, at=contact.place if contact.point.size else "")
     elif not model.gains.directional:
         raise OptionError(
             "the model has no timbre field, it is heard alike on all sides: compute one with "

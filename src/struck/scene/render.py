@@ -97,7 +97,7 @@ def render(
     names = [name for name, body in zip(names, every, strict=True) if not body.silent]
     names = names if len(every) > 1 else []
     bodies = [body for body in every if not body.silent]
-    told += () if logged else (*default_places(bodies), *unused_roughness(bodies))
+    told += () if logged else unused_roughness(bodies)
     told += doubts(bodies, seconds)
     bodies = [without_late_holds(body, seconds) for body in bodies]
     if isinstance(model, ModalModel) and not (room or is_listener(listener)):
@@ -122,7 +122,7 @@ def render(
         samples=samples.astype(np.float32),
         sample_rate=sample_rate,
         calibrated=calibrated,
-        notes=lost + told + notes,
+        notes=lost + told + notes + (() if logged else default_places(bodies)),
     )
 
 
