@@ -117,7 +117,7 @@ class _Candidates:
 
     @classmethod
     def of(cls, model: _Model, gains: ShapeGains, surface: Mesh) -> _Candidates:
-        names = tuple(sorted(model.places, key=lambda name: name[0] in "+-"))
+        names = tuple(sorted(model.places, key=lambda name: name[:1] in "+-"))
         named = np.array([model.places[name] for name in names]).reshape(-1, 3)
         _, faces, named = gains.locator.closest(named)
         spread, pushes, of = _spread(gains, surface, len(model.coordinates))
@@ -144,7 +144,7 @@ class _Candidates:
     def best(self, scores: Array, named: float, axis: float) -> tuple[Array, str | None]:
         """Return the place (3,), m, of the highest score (K,), dB, and its name."""
         count = len(self.names)
-        worth = [axis if name[0] in "+-" else named for name in self.names]
+        worth = [axis if name[:1] in "+-" else named for name in self.names]
         first = scores[:count] + worth
         others = scores[count:]
         if not len(others) or (count and first.max() >= others.max()):
