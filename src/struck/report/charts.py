@@ -229,8 +229,11 @@ def _draw_modes(
     painter.paint_modes(figure, shapes, titles, captions)
 
 
-def _draw_spectrum(axes: Axes, sound: Sound, model: ModalModel, at: str) -> None:
-    """Draw the spectrum of a sound from the lowest mode on, its strongest peaks labelled."""
+def _draw_spectrum(axes: Axes, sound: Sound, model: ModalModel | None = None, at: str = "") -> None:
+    """Draw the spectrum of a sound, its strongest peaks labelled in Hz.
+
+    It begins below those and the lowest mode of its model; `at` is where that was struck, in words.
+    """
     frequencies, levels = _levels(sound)
     axes.plot(frequencies, levels, color=BLUE, linewidth=0.8)
     peaks = _peaks(frequencies, levels)
@@ -240,7 +243,8 @@ def _draw_spectrum(axes: Axes, sound: Sound, model: ModalModel, at: str) -> None
             textcoords="offset points", ha="center", fontsize=8, color=INK,
         )  # fmt: skip
     highest = sound.sample_rate / 2
-    shown = np.concatenate([frequencies[peaks], model.frequencies[model.of_object][:1]])
+    modes = np.zeros(0) if model is None else model.frequencies[model.of_object]
+    shown = np.concatenate([frequencies[peaks], modes[:1]])
     frequency_axis(axes, _lowest_shown(shown, highest), highest)
     axes.set(xlabel="frequency (Hz)", ylabel="level (dB, strongest = 0)", ylim=(-RANGE, 8))
     struck = f"struck at {at}\n" if at else ""
@@ -314,5 +318,5 @@ def _dimensions(gains: ShapeGains) -> str:
 def description(model: ModalModel) -> str:
     """Return the material and the mass of a body, for a picture's title."""
     name = "" if model.material is None else model.material.name
-    mass = "" if model.mass is None else quantity(1e3 * model.mass, "g", 3)
+    mass = "" if model.mass is None else f"{significant(model.mass, 3)} kg"
     return ", ".join(part for part in (name, mass) if part)
