@@ -336,7 +336,9 @@ def _slices(model: ModalModel) -> Figure:
     line = np.linspace(-reach, reach, _CELLS)
     figure = chart(12.0, 4.6)
     contact = model.contact(None)
-    where = f"brightness of a strike at {_named(model, contact)}: the centroid of its spectrum"
+    where = (
+        f"brightness of a strike at {contact.name or contact.place}: the centroid of its spectrum"
+    )
     figure.suptitle(f"{where}\n{_SOFT}", fontsize=12, color=INK)
     panels = figure.subplots(1, 3)
     seen = [_brightness(model, contact, centre, line, across, up) for _, across, up in _PLANES]
@@ -372,15 +374,6 @@ def _round_ticks(low: float, high: float) -> list[float]:
     coarse, fine = (1, 2, 5), (1, 1.2, 1.5, 2, 2.5, 3, 3.5, 4, 5, 6, 7, 8)
     ticks = np.multiply.outer(decades, coarse if high / low > _WIDE else fine).ravel()
     return ticks[(ticks >= low) & (ticks <= high)].tolist()
-
-
-def _named(model: ModalModel, contact: Contact) -> str:
-    """Return the name of a contact's place, or its coordinates."""
-    point = contact.point
-    for name, place in model.places.items():
-        if np.shape(place) == point.shape and np.allclose(place, point, atol=_SAME):
-            return name
-    return f"({', '.join(f'{each:.3g}' for each in point)}){' m' * (point.size == 3)}"
 
 
 def _brightness(
