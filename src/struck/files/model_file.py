@@ -503,7 +503,6 @@ def _description(model: ModalModel, surface: Mesh | None, gains: Text) -> dict[s
         "complete_to": float(model.complete_to),
         "coordinates": list(model.coordinates),
         "places": {name: _list(point) for name, point in model.places.items()},
-        "playing_place": model.playing_place,
         "provenance": {
             "method": model.provenance.method,
             "references": list(model.provenance.references),
@@ -513,6 +512,7 @@ def _description(model: ModalModel, surface: Mesh | None, gains: Text) -> dict[s
         "residual": None
         if residual is None
         else {"sample_rate": int(residual.sample_rate), "lead": float(residual.lead)},
+        **({} if model.playing_place is None else {"playing_place": model.playing_place}),
         **_recoil_to_json(model.recoil),
         **_chart_to_json(model.chart),
     }
