@@ -113,7 +113,7 @@ def _keep_shapes(gains: ShapeGains) -> tuple[dict[str, Any], Arrays]:
 def _radiation_name(radiation: Radiation) -> str:
     """Return the name of an estimate of radiation; FileFormatError when it was changed."""
     known = by_name(radiation.name)
-    if type(known) is not type(radiation) or vars(known) != vars(radiation):
+    if type(known) is not type(radiation) or known.__getstate__() != radiation.__getstate__():
         raise FileFormatError(
             f"its radiation {radiation.name!r} was changed, and files keep the name alone: make "
             f"the model with by_name({radiation.name!r})"

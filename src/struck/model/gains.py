@@ -96,6 +96,13 @@ class Keep(Protocol):
 
 
 @runtime_checkable
+class ScalableRadiation(Protocol):
+    """A law of radiation in which bodies that are alike in wavelengths sound alike."""
+
+    scalable: bool
+
+
+@runtime_checkable
 class FieldRadiation(Protocol):
     """A law of radiation that can also compute the sound around a body."""
 
@@ -346,6 +353,24 @@ class ShapeGains(Gains):
         """Return the gains of chosen `modes` of a body with other frequencies, size or density."""
         surface, shapes, centre, formula = self._moving(modes, size, density)
         return ShapeGains.radiating(surface, shapes, frequencies, centre, self.radiation, formula)
+
+    def similar(self, frequencies: Array, size: float, density: float) -> ShapeGains:
+        """Return the gains of a body whose frequencies (M,), Hz, have gone with 1 / size alone.
+
+        Of a radiation that is a `ScalableRadiation`.
+        """
+        modes = np.arange(self.count)
+        surface, shapes, centre, formula = self._moving(modes, size, density)
+        # Pressure at 1 m goes with wave number, area and velocity.
+        factor = size * (density * size**3) ** -0.5
+        return replace(
+            self,
+            surface=surface,
+            shapes=np.ascontiguousarray(shapes, np.float32),
+            outputs=np.abs(self.outputs) * factor * quarter_turns(frequencies),
+            centre=np.asarray(centre, np.float64),
+            formula=formula,
+        )
 
     def weighted(self, modes: Index, factors: Array) -> ShapeGains:
         """Return the gains of some `modes` (K,), shapes and outputs each times `factors` (K,)."""

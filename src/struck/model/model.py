@@ -20,6 +20,7 @@ from struck.model.gains import (
     Gains,
     Keep,
     Radiation,
+    ScalableRadiation,
     ShapeGains,
     canonical_signs,
 )
@@ -180,9 +181,13 @@ class ModalModel:
 
     @property
     def of_object(self) -> Mask:
-        """Mask of the object's modes (M,); a fit spends the other ones on the blow."""
-        blow = self.provenance.details.get("blow", ())
-        return ~np.isin(np.arange(len(self.frequencies)), np.asarray(blow, int))
+        """Mask of the object's modes (M,).
+
+        The others are of a fit: some stand for the blow, some are vague, known to 30 % at best.
+        """
+        details = self.provenance.details
+        others = [np.asarray(details.get(kind, ()), int) for kind in ("blow", "vague")]
+        return ~np.isin(np.arange(len(self.frequencies)), np.concatenate(others))
 
     @property
     def t60(self) -> Array:
@@ -497,17 +502,29 @@ class ModalModel:
     ) -> ModalModel:
         """Return a copy with some modes, in the order of `kept`."""
         natural, slopes, errors = modes.frequencies[kept], modes.poisson_slopes, modes.errors
+        gains = self.gains
+        # Of the same shape in wavelengths the air answers alike: nothing is computed again.
+        if (
+            type(gains) is ShapeGains
+            and isinstance(gains.radiation, ScalableRadiation)
+            and np.array_equal(kept, np.arange(len(self.natural_frequencies)))
+            and np.allclose(natural * size, self.natural_frequencies, rtol=_ALIKE, atol=0)
+        ):
+            changed: Gains = gains.similar(natural, size, density)
+        else:
+            changed = gains.changed(natural, kept, size, density)
         return replace(
             self,
             frequencies=natural,
             natural_frequencies=natural,
             decays=self.decays[kept],
-            gains=self.gains.changed(natural, kept, size, density),
+            gains=changed,
             poisson_slopes=None if slopes is None else slopes[kept],
             errors=None if errors is None else errors[kept],
         )
 
 
+_ALIKE = 1e-12  # of frequencies times size: rounding
 _RESIDUAL_LEFT = "its residual (attack and noise), which is of the recorded size and material"
 
 

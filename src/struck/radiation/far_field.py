@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from weakref import WeakKeyDictionary
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -78,10 +80,31 @@ class RadiatedPower:
 
     name: str = "power"
     calibrated: bool = True
+    scalable: bool = True  # at equal products of wave number and size its pressures are alike
     references: tuple[str, ...] = ("williams1999", "fahy2007", "antoine1999")
 
     def __init__(self, *, air: Air = AIR) -> None:
         self.air = air
+        # Harmonics and sources of the surfaces seen, as long as these live.
+        self._prepared: WeakKeyDictionary[Mesh, tuple[bytes, Skin, Radiator]] = WeakKeyDictionary()
+
+    def __getstate__(self) -> dict[str, Air]:
+        """Return the medium alone: what was prepared is computed again."""
+        return {"air": self.air}
+
+    def __setstate__(self, state: dict[str, Air]) -> None:
+        """Begin without anything prepared."""
+        self.__init__(air=state["air"])
+
+    def _prepare(self, surface: Mesh, centre: Array) -> tuple[Skin, Radiator]:
+        """Return the skin of a surface and its radiator, computed once."""
+        place = np.asarray(centre, np.float64).tobytes()
+        known = self._prepared.get(surface)
+        if known is None or known[0] != place:
+            skin = Skin.of(surface, centre)
+            known = place, skin, Radiator.of(skin.mesh, skin.radius)
+            self._prepared[surface] = known
+        return known[1], known[2]
 
     def coefficients(
         self, surface: Mesh, shapes: NDArray[np.floating], frequencies: Array, centre: Array
@@ -112,8 +135,7 @@ class RadiatedPower:
             When no piece of the surface encloses a volume.
         """
         _require_modes(surface, shapes, frequencies)
-        skin = Skin.of(surface, centre)
-        radiator = Radiator.of(skin.mesh, skin.radius)
+        skin, radiator = self._prepare(surface, centre)
         wave_numbers = 2 * np.pi * np.asarray(frequencies, float) / self.air.sound_speed
         squares = np.empty(len(frequencies))
         for first in range(0, len(frequencies), _AT_ONCE):

@@ -7,7 +7,7 @@ the skin, bundled to point sources, give the power that leaves to all sides.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -309,9 +309,12 @@ class Radiator:
     def mean_squares(self, velocities: Array, wave_numbers: Array) -> Array:
         """Return mean squares over directions (M,) of the pressure at 1 m, in (rho c)^2 m^2/s^2."""
         split, sizes = self.harmonics.split(velocities), wave_numbers * self.radius
-        near = self._through_skin(split, sizes)
-        far = self._far_away(velocities, split, np.minimum(sizes, _WIDEST))
-        return np.where(sizes < _WIDE_AS_A_WAVE, far, np.maximum(near, far))
+        squares = self._far_away(velocities, split, np.minimum(sizes, _WIDEST))
+        wide = sizes >= _WIDE_AS_A_WAVE
+        if wide.any():
+            some = Split(**{f.name: getattr(split, f.name)[..., wide] for f in fields(split)})
+            squares[wide] = np.maximum(self._through_skin(some, sizes[wide]), squares[wide])
+        return squares
 
     def _through_skin(self, split: Split, sizes: Array) -> Array:
         """Return mean squares from the work that the pressure does on the skin."""
