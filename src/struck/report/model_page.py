@@ -47,8 +47,13 @@ def summary(model: ModalModel, *, whole: bool = True) -> list[str]:
     limit = f"none missing up to {model.complete_to:.0f} Hz"
     known = limit if model.complete_to else "others may be missing"
     lines = [f"{counted(np.count_nonzero(own), 'mode')}, {known}"]
-    others = counted(np.count_nonzero(~own), "further mode")
-    lines += [] if own.all() else [f"blow      {others} in its place"]
+    blow = np.isin(np.arange(len(own)), model.provenance.details.get("blow", []))
+    vague = ~(own | blow)
+    if blow.any():
+        lines.append(f"blow      {counted(np.count_nonzero(blow), 'further mode')} in its place")
+    if vague.any():
+        others = counted(np.count_nonzero(vague), "further mode")
+        lines.append(f"vague     {others}, known to 30 % at best")
     if model.recoil is not None:
         times = 1e3 / (2 * np.pi * model.recoil.corners * model.recoil.dampings)
         lines.append(f"recoil    of the body as a whole, over within some {7 * times.max():.2g} ms")
@@ -109,7 +114,7 @@ def _method(model: ModalModel) -> list[str]:
     details = [
         f"          {name}: {len(value) if isinstance(value, list) else value}"
         for name, value in model.provenance.details.items()
-        if name not in {"blow", "up", "caution"}  # which have their own lines
+        if name not in {"blow", "vague", "up", "caution"}  # which have their own lines
     ]
     papers = [f"cite      {paper}" for paper in model.cite().splitlines()]
     return [f"method    {model.provenance.method}", *details, *papers]

@@ -30,13 +30,12 @@ from struck.recordings.poles.selection import (
     hidden,
     prune,
     raised,
-    significance,
     split,
     standing_out,
     strongest_per_band,
     weed,
 )
-from struck.recordings.poles.uncertainty import between_takes, standard_errors
+from struck.recordings.poles.uncertainty import between_takes, significance, standard_errors
 from struck.recordings.poles.verdict import (
     CROWDED,
     MODAL_MARGIN,
@@ -186,12 +185,16 @@ def fitted_of(
     notes = [*notes, *of_other_objects(rows, own)]
     order = np.array(sorted(range(len(rows)), key=lambda row: (rows[row].take, rows[row].hit, row)))
     ordered = [rows[row] for row in order]
+    known = (
+        np.hypot(errors.frequencies, apart[0])[kept],
+        np.hypot(errors.decays, apart[1])[kept],
+    )
     return Fitted(
         frequencies=own.frequencies,
         decays=own.decays,
         gains=_without_earlier(own.gains[order], own.poles, ordered),
-        frequency_errors=np.hypot(errors.frequencies, apart[0])[kept],
-        decay_errors=np.hypot(errors.decays, apart[1])[kept],
+        frequency_errors=known[0],
+        decay_errors=known[1],
         gain_errors=errors.gains[order][:, kept],
         rows=tuple(ordered),
         segments=tuple(segments),
@@ -199,7 +202,7 @@ def fitted_of(
         order=order,
         verdict=verdict,
         blow=blow[kept],
-        vague=vague(segments, own.decays, errors.decays[kept]),
+        vague=vague(segments, own.frequencies, own.decays, known),
         notes=tuple(notes),
     )
 
@@ -579,9 +582,11 @@ def _controlled(
             f"{100 * share:.0f} % only, of {100 * UNKNOWN:g} % that are needed: turn it off"
         )
         verdict = replace(verdict, modal=False, reason=reason)
+    errors = fitted.frequency_errors, np.hypot(fitted.decay_errors, unknown)
     return replace(
         fitted,
-        decay_errors=np.hypot(fitted.decay_errors, unknown),
+        decay_errors=errors[1],
+        vague=vague(fitted.segments, fitted.frequencies, fitted.decays, errors),
         notes=(*fitted.notes, *notes),
         verdict=verdict,
     )

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import cache
 
 import numpy as np
-from scipy.stats import gamma
 
 from struck.model.arrays import AnyComplex, Array, Index, Mask
 from struck.model.exponentials import Exponentials, correlations
@@ -23,7 +21,12 @@ from struck.recordings.poles.refinement import (
     settled,
     with_best_gains,
 )
-from struck.recordings.poles.uncertainty import met, pole_statistics, standard_errors
+from struck.recordings.poles.uncertainty import (
+    met,
+    pole_statistics,
+    significance,
+    standard_errors,
+)
 from struck.recordings.poles.verdict import crowding
 from struck.recordings.segments import Segment
 
@@ -60,7 +63,6 @@ def _energies(segment: Segment, ringing: Exponentials) -> tuple[Array, Array]:
     return (np.abs(sums) ** 2 / floor).sum(axis=0), (gains**2 / floor).sum(axis=0)
 
 
-CHANCE = 2e-9  # that noise alone explains a mode: 16 dB of energy in one channel
 _COLLINEAR = 1e-3  # least share
 LOWEST, _HIGHEST = 15.0, 0.49  # frequencies, Hz and of the sample rate
 _TOUCHING = 0.05  # squared correlation
@@ -69,16 +71,6 @@ _PER_BAND = 4  # candidates
 # A hit that soft, re the loudest, counts half. Bands count by their energy to the power of one less
 # this exponent: with 0.3 as loudness would have it, strikes are rendered less exactly.
 _SOFT, _EVEN = 1e-3, 0.15
-
-
-@cache
-def significance(channels: int, chance: float = CHANCE) -> float:
-    """Return the energy over noise that noise in these channels exceeds by this chance.
-
-    The energy of complex noise along one direction is exponentially distributed, its sum over
-    channels a gamma distribution.
-    """
-    return float(gamma.isf(chance, channels))
 
 
 def energies(segments: Sequence[Segment], ringing: Exponentials) -> tuple[Array, Array]:

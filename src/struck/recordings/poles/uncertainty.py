@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.special import gammainc
-from scipy.stats import chi2
+from scipy.stats import chi2, gamma
 
 from struck.core import entry
 from struck.model.arrays import AnyComplex, Array, Index
@@ -30,6 +31,18 @@ from struck.recordings.poles.projection import (
 )
 from struck.recordings.poles.refinement import blocks_around, overlapping
 from struck.recordings.segments import Segment
+
+CHANCE = 2e-9  # that noise alone explains a mode: 16 dB of energy in one channel
+
+
+@cache
+def significance(channels: int, chance: float = CHANCE) -> float:
+    """Return the energy over noise that noise in these channels exceeds by this chance.
+
+    The energy of complex noise along one direction is exponentially distributed, its sum over
+    channels a gamma distribution.
+    """
+    return float(gamma.isf(chance, channels))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -10,9 +10,9 @@ from scipy.ndimage import uniform_filter1d
 from scipy.sparse.csgraph import connected_components
 
 from struck.model.arrays import Array, Mask
-from struck.model.exponentials import Exponentials, best_gains
+from struck.model.exponentials import Exponentials, best_gains, correlations, samples
 from struck.recordings.onsets import Hit, lead_in
-from struck.recordings.poles.uncertainty import standard_errors
+from struck.recordings.poles.uncertainty import met, significance, standard_errors
 from struck.recordings.segments import Row, Segment
 from struck.recordings.takes import Take
 
@@ -157,48 +157,131 @@ def _decibels(above: float, below: float) -> float:
 
 # The blow itself is no sum of decaying tones, yet a budget of modes stands for the whole sound.
 # Those that stand for the blow add up to what is heard until the object is let go, and to nothing
-# afterwards: gains that are fitted anew from then on are not what they would have decayed to.
+# afterwards, although each alone would still ring. A mode of the object is heard on: gains fitted
+# again from any moment after the blow are what they have decayed to.
 
-_PUSHED, _SHORTEST_PUSH = 0.01, 5e-4  # s: longest rise to the peak, and shortest push
+_LONGEST_PUSH, _SHORTEST_PUSH = 0.02, 5e-4  # s, of blows: a soft mallet, and a hard tool
 _SMOOTHED = 5e-4  # s
 _CHANGED = 0.5  # of what a gain has decayed to
 _AFTER, _RINGS = 5, 2.0  # times the push; energy from twice to so often over the noise's
-_UNKNOWN = 0.3  # of its decay, or of what a take of that length can show
+_FEW_ALIKE = 0.25  # of the modes are contradicted under a soft mallet; at most 7 % in real takes
+_LATER = 1.5  # from one moment of comparison to the next, a factor
+_WINDOW = 2 * _LONGEST_PUSH  # s that are compared
+_LASTING = np.log(100) / (2 * _LONGEST_PUSH)  # 1/s: falls by 40 dB in twice the longest push
+_UNKNOWN = 0.3  # of its half-power bandwidth, or of the resolution of the longest segment
 
 
 def of_blow(segments: Sequence[Segment], ringing: Exponentials, *, released: bool = False) -> Mask:
     """Return which modes (M,) are of the hits' blow, not of the object.
 
-    The push is over after twice the time to the loudest moment, as that of a half-sine is. What
-    has gone by 40 dB in twice the push is of the blow, too, and all where but noise follows. In
-    segments that begin when the object is `released` no modes cancel for a push.
+    The push is over after twice the time to the loudest moment, as that of a half-sine is; all are
+    of the blow if only noise follows. In segments that begin when the object is `released` no modes
+    cancel for a push, and those are of the blow that fall by 40 dB in twice the push.
     """
-    longest = _SHORTEST_PUSH
+    pushes = []
     after = noise = 0.0
-    change, whole = np.zeros(ringing.count), np.full(ringing.count, 1e-300)
     for segment in segments:
         rate = segment.sample_rate
-        energy = (segment.samples[:, : round(_PUSHED * rate)] ** 2).sum(axis=0)
+        energy = (segment.samples[:, : round(_LONGEST_PUSH / 2 * rate)] ** 2).sum(axis=0)
         loudest = int(uniform_filter1d(energy, max(1, round(_SMOOTHED * rate))).argmax())
         later = max(2 * loudest, round(_SHORTEST_PUSH * rate))
-        longest = max(longest, later / rate)
+        pushes.append(later / rate)
         heard = segment.samples[:, 2 * later : _AFTER * later]
         after += float((heard**2).sum())
         noise += float(segment.noise.energy(heard.shape[1]).sum())
-        decayed = ringing.gains[segment.rows] * np.exp(ringing.poles * later / rate)
-        found = best_gains(ringing.poles, segment.samples[:, later:], rate)
-        change += (np.abs(found - decayed) ** 2).sum(axis=0)
-        whole += (np.abs(decayed) ** 2).sum(axis=0)
     if after < _RINGS * noise:
         return np.ones(ringing.count, bool)
-    cancelled = (change > _CHANGED**2 * whole) & (not released)
-    return cancelled | (ringing.decays * 2 * longest > np.log(100))
+    if released:
+        return ringing.decays * 2 * max(pushes) > np.log(100)
+    return _cancelled(segments, ringing, pushes) | _within_blow(segments, ringing)
 
 
-def vague(segments: Sequence[Segment], decays: Array, errors: Array) -> Mask:
-    """Return which modes' decay rates (M,), 1/s, are below a few of their standard errors."""
-    duration = max(segment.duration for segment in segments)
-    return errors > _UNKNOWN * np.maximum(decays, 1 / duration)
+def _cancelled(segments: Sequence[Segment], ringing: Exponentials, pushes: Sequence[float]) -> Mask:
+    """Return which modes (M,) change their gains where they are fitted again after the push, s."""
+    change, total = np.zeros(ringing.count), np.full(ringing.count, 1e-300)
+    for segment, push in zip(segments, pushes, strict=True):
+        later = round(push * segment.sample_rate)
+        decayed = ringing.gains[segment.rows] * np.exp(ringing.poles * push)
+        refitted = best_gains(ringing.poles, segment.samples[:, later:], segment.sample_rate)
+        change += (np.abs(refitted - decayed) ** 2).sum(axis=0)
+        total += (np.abs(decayed) ** 2).sum(axis=0)
+    return change > _CHANGED**2 * total
+
+
+def _within_blow(segments: Sequence[Segment], ringing: Exponentials) -> Mask:
+    """Return which modes (M,) what is heard later contradicts, or die within the blow.
+
+    Modes that outlast the longest blow are not tried. A mode is contradicted at a moment if less
+    than half of it is left in its band, by more than noise takes away by chance, and if its gain
+    changes by half where all gains are fitted again. The blow lasts twice the time after which a
+    quarter of the modes are, the shortest push at least; modes below the noise by then died
+    within it.
+    """
+    tried = ringing.decays > _LASTING
+    slow, fast = ringing.of(~tried), ringing.of(tried)
+    blow = np.zeros(ringing.count, bool)
+    if not fast.count:
+        return blow
+    least = significance(len(ringing.gains))
+    floor = met(segments, ringing)[1][:, tried]
+    steps = np.log(_LONGEST_PUSH / _SHORTEST_PUSH) / np.log(_LATER)
+    times = _SHORTEST_PUSH * _LATER ** np.arange(int(steps) + 1)
+    first, energies = np.full(fast.count, np.inf), np.zeros((len(times), fast.count))
+    for number, time in enumerate(times):
+        expected, alone, change, missing, energies[number] = _compared(
+            segments, slow, fast, floor, time
+        )
+        limit = _CHANGED**2 * expected
+        wrong = (alone < limit) & (change > limit) & (missing > least)
+        first[wrong] = np.minimum(first[wrong], time)
+    contradicted = np.isfinite(first)
+    over = 2 * float(np.quantile(np.where(contradicted, first, times[0] / 2), 1 - _FEW_ALIKE))
+    last = min(int(np.searchsorted(times, 0.999 * over)), len(times) - 1)
+    blow[tried] = contradicted | (energies[last] <= least)
+    return blow
+
+
+def _compared(
+    segments: Sequence[Segment], slow: Exponentials, fast: Exponentials, floor: Array, time: float
+) -> Array:
+    """Return sums over rows, weighted by the noise `floor` (C, M), from a `time`, s, on (5, M).
+
+    They are squares of the expected gains of the `fast` modes, of those of each fitted alone, and
+    of the changes where all are fitted together; then energies over noise of what each alone lacks,
+    and of what is expected. The sound of the `slow` modes is subtracted first.
+    """
+    sums = np.zeros((5, fast.count))
+    for segment in segments:
+        rate, begin = segment.sample_rate, round(time * segment.sample_rate)
+        heard = segment.samples[:, begin : begin + round(_WINDOW * rate)]
+        length = heard.shape[1]
+        if not length:
+            continue
+        lasting = slow.gains[segment.rows] * np.exp(slow.poles * begin / rate)
+        left = heard - samples(slow.poles, lasting, length, rate)
+        expected = fast.gains[segment.rows] * np.exp(fast.poles * begin / rate)
+        products = correlations(fast.poles, left, rate)
+        change = np.abs(best_gains(fast.poles, left, rate, products) - expected)
+        losses = -2 * fast.decays / rate
+        powers = np.expm1(losses * length) / np.expm1(losses)
+        alone, sizes = 2 * np.abs(products) / powers, np.abs(expected)
+        squares = np.square([sizes, alone, change, np.maximum(sizes - alone, 0.0), sizes])
+        squares[3:] *= powers / 4
+        sums += (squares / np.maximum(floor[segment.rows], 1e-300)).sum(axis=1)
+    return sums
+
+
+def vague(
+    segments: Sequence[Segment], frequencies: Array, decays: Array, errors: tuple[Array, Array]
+) -> Mask:
+    """Return which modes (M,) are known to 30 % at best.
+
+    `errors` are those of their frequencies, Hz, and decay rates, 1/s. A decay is known as well as
+    its half-power bandwidth d / pi, which no take shows finer than 1 Hz over its length in s.
+    """
+    finest = np.pi / max(segment.duration for segment in segments)
+    unsure = errors[1] >= _UNKNOWN * np.maximum(decays, finest)
+    return unsure | (errors[0] >= _UNKNOWN * frequencies)
 
 
 def constant(take: Take) -> bool:
