@@ -298,6 +298,7 @@ def render(
     listener: Listener | ArrayLike | None = None,
     room: Room | None = None,
     modes: int | None = None,
+    fade: float | None = None,
 ) -> Sound:
     """Return the sound, at a listener, of bodies struck, scraped, rolled on, plucked or held.
 
@@ -321,6 +322,10 @@ def render(
     room, modes : Room, int, optional
         Whose walls reflect, for listeners other than a bare position. And at most so many modes a
         body, the loudest over contacts; the sound's notes tell how far that is heard, in dB.
+    fade : float or None
+        Length of the fade at the end of a sound that is cut off less than 60 dB below its peak, s.
+        0: none, for parts that are joined or added. Default: 0.01, of sounds shorter than 0.02 s
+        the last half.
 
     Returns
     -------
@@ -331,8 +336,8 @@ def render(
     ------
     OptionError, ContactError
         On nothing to render, excitations of which nothing says whose they are, arguments outside
-        their bounds, gains that are not finite, pushes that never end where no length is said; on a
-        contact off the body, or a listener inside one.
+        their bounds, a fade longer than the sound, gains that are not finite, pushes that never end
+        where no length is said; on a contact off the body, or a listener inside one.
     """
     given = locals()  # all goes on under its own name
 

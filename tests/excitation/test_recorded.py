@@ -117,7 +117,7 @@ def test_a_hand_takes_a_mode_of_a_table_away_by_its_decay() -> None:
     model = recorded("table")
     place = np.array([0.3])
     ringing = [Strike(at=(0.5,), time=0.05), Hold(at=place, grip=8.0)]
-    sound = struck.render(model, ringing, seconds=1.2, listener=HEARD)
+    sound = struck.render(model, ringing, seconds=1.2, fade=0, listener=HEARD)
     times = np.arange(round(0.2 * RATE), round(1.2 * RATE)) / RATE - 0.05
     drives = model.gains.at(np.array([[0.5]]), NOWHERE)[0]
     gains = (drives * model.gains.toward(np.array([HEARD]))[0]).sum(axis=0)
@@ -154,7 +154,7 @@ def test_a_live_touch_sounds_as_its_log_offline(kind: str, by_hand: Make) -> Non
             player.touch(touch.place(number)[0], force, 0.2)
 
     heard = player.hear(200, move)[LATE:] / player.gain
-    again = struck.render(model, player.touch_log, seconds=0.6, listener=HEARD)
+    again = struck.render(model, player.touch_log, seconds=0.6, fade=0, listener=HEARD)
     late = 10 * BLOCK
     assert_same(heard, again.samples[0][late:])
     assert "it was recorded at one place" in "".join(player.notes) or kind != "one"
@@ -171,7 +171,7 @@ def test_live_scrapes_and_rolls_sound_as_offline(kind: str, name: str, by_hand: 
     player.hear(10)
     player.start(moving)
     heard = player.hear(250)[BLOCK + LEAD + LATE :] / player.gain
-    expected = struck.render(model, moving, seconds=0.6, listener=HEARD).samples[0]
+    expected = struck.render(model, moving, seconds=0.6, fade=0, listener=HEARD).samples[0]
     assert_same(heard, expected)
 
 
@@ -248,7 +248,7 @@ def test_what_was_not_recorded_is_said() -> None:
     notes = " / ".join(struck.render(recorded("one"), scrape).notes)
     for said in ("hold the blow that was recorded", "all of the dent", "recorded at one place"):
         assert said in notes
-    struck_alone = struck.render(recorded("field"), Strike(at=(0.2,)), seconds=0.1)
+    struck_alone = struck.render(recorded("field"), Strike(at=(0.2,)), seconds=0.1, fade=0)
     assert not struck_alone.notes
 
 

@@ -49,7 +49,7 @@ def test_ears_hear_what_the_render_does(by_hand: Make, listener: Listener) -> No
     player.strike(BLOW)
     waiting = BLOCK + LEAD + LATE + player._host._ears.propagation.lead
     heard = both(player, 60)[:, waiting:] / player.gain
-    expected = struck.render(model, BLOW, seconds=0.12, listener=listener).samples
+    expected = struck.render(model, BLOW, seconds=0.12, fade=0, listener=listener).samples
     for channel, row in enumerate(heard):
         wanted = expected[channel % len(expected)]
         count = min(len(row), len(wanted))
@@ -167,7 +167,7 @@ def test_a_field_is_played_as_it_is_rendered(by_hand: Make, name: str) -> None:
     waiting = BLOCK + LEAD + LATE + player._host._ears.propagation.lead
     heard = both(player, 60)[:, waiting:] / player.gain
     bodies = [replace(plain, excitations=BLOW), replace(field, excitations=SOFT)]
-    expected = struck.render(bodies, seconds=0.12, listener=listener).samples
+    expected = struck.render(bodies, seconds=0.12, fade=0, listener=listener).samples
     for channel, row in enumerate(heard):
         wanted = expected[channel % len(expected)]
         count = min(len(row), len(wanted))

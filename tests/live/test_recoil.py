@@ -34,7 +34,7 @@ def test_a_played_marble_sounds_as_a_rendered_one(by_hand: Make, marble: ModalMo
     blow = Strike(at="vertex:3", impulse=1e-3, duration=5e-5)
     player.strike(blow)
     heard = player.hear(10)[BLOCK + LEAD + LATE :] / player.gain
-    expected = struck.render(marble, blow, seconds=0.02, listener=(1, 0, 0)).samples[0]
+    expected = struck.render(marble, blow, seconds=0.02, fade=0, listener=(1, 0, 0)).samples[0]
     count = min(len(heard), len(expected))
     apart = np.abs(heard[:count] - expected[:count]).max()
     assert 20 * np.log10(apart / np.abs(expected).max()) < -60
@@ -67,7 +67,7 @@ def test_modes_and_recoil_play_together_for_two_ears(by_hand: Make) -> None:
     player.strike(Strike(at="top", impulse=1e-3, duration=1e-3))
     heard = player.hear(40)[BLOCK + LEAD + LATE :] / player.gain
     blow = Strike(at="top", impulse=1e-3, duration=1e-3)
-    expected = struck.render(model, blow, seconds=0.1, listener=(1, 0, 0)).samples[0]
+    expected = struck.render(model, blow, seconds=0.1, fade=0, listener=(1, 0, 0)).samples[0]
     count = min(len(heard), len(expected))
     apart = np.abs(heard[:count] - expected[:count]).max()
     assert 20 * np.log10(apart / np.abs(expected).max()) < -35  # of the modes, see test_player

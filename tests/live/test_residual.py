@@ -58,7 +58,7 @@ def test_a_played_drum_sounds_as_a_rendered_one(by_hand: Make, strike: Strike) -
     assert residual is not None
     assert residual.levels.any()
     heard = heard_after(by_hand(drum(), volume=-30, listener=(2, 0, 0)), strike, 150)
-    expected = struck.render(drum(), strike, seconds=0.4, listener=(2, 0, 0)).samples[0]
+    expected = struck.render(drum(), strike, seconds=0.4, fade=0, listener=(2, 0, 0)).samples[0]
     assert apart(heard, expected) < -60
 
 
@@ -66,7 +66,7 @@ def test_a_started_strike_brings_its_attack_as_well(by_hand: Make) -> None:
     """With a burst of noise it is an excitation of its own."""
     strike, player = Strike(transient=0.1, time=0.02), by_hand(drum(), volume=-30)
     heard = heard_after(player, strike, 100)
-    expected = struck.render(drum(), strike, seconds=0.25).samples[0]
+    expected = struck.render(drum(), strike, seconds=0.25, fade=0).samples[0]
     assert apart(heard, expected) < -60
 
 
@@ -76,7 +76,7 @@ def test_two_bare_ears_hear_what_is_rendered_for_them(by_hand: Make) -> None:
     player.hear(OPENED)
     player.strike(Strike(time=0.01))
     heard = player.hear_both(100) / player.gain
-    expected = struck.render(drum(), Strike(time=0.01), seconds=0.25, listener=ears).samples
+    expected = struck.render(drum(), Strike(time=0.01), seconds=0.25, fade=0, listener=ears).samples
     # Ears are one delay line more; both are late alike.
     late = int(np.argmax(correlate(heard[0], expected[0], "full"))) - expected.shape[1] + 1
     assert BLOCK + LEAD + LATE <= late < 2 * (BLOCK + LEAD + LATE)
@@ -94,7 +94,7 @@ def test_two_ears_hear_the_attack_too(by_hand: Make) -> None:
     bare.hear(OPENED)
     bare.strike(Strike(time=0.01))
     hissing, tones = (treble(each) for each in (heard, bare.hear(100) / bare.gain))
-    expected = struck.render(drum(), Strike(time=0.01), seconds=0.25, listener=ears)
+    expected = struck.render(drum(), Strike(time=0.01), seconds=0.25, fade=0, listener=ears)
     assert hissing == pytest.approx(treble(expected.samples[0]), rel=0.05)
     assert tones < 0.5 * hissing
 

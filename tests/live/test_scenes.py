@@ -99,7 +99,7 @@ def expected(scene: Scene, contacts: Contacts, listener: object) -> Array:
     never = Hold(at="top", grip=0.0)
     sounding = [body for body in excited.bodies.values() if not body.silent]
     bodies = [replace(b, excitations=(*b.actions, never)) for b in sounding]
-    return struck.render(bodies, seconds=1.2, listener=listener).samples
+    return struck.render(bodies, seconds=1.2, fade=0, listener=listener).samples
 
 
 @pytest.mark.parametrize("listener", [EAR, EARS], ids=["mono", "two ears"])
@@ -150,7 +150,7 @@ def test_what_slides_is_as_loud_as_in_the_render_and_does_not_click(by_hand: Mak
     player = by_hand(scene, volume=-30, listener=EAR)
     player.hear(OPENED)
     heard = told(player, contacts, 0.75, 0.05)[0]
-    wanted = struck.render(scene, contacts, seconds=1.0, listener=EAR).samples[0]
+    wanted = struck.render(scene, contacts, seconds=1.0, fade=0, listener=EAR).samples[0]
     middle = slice(round(0.2 * RATE), round(0.6 * RATE))
     apart = np.std(heard[middle]) / np.std(wanted[middle])
     assert abs(20 * np.log10(apart)) < 1.0
@@ -189,7 +189,7 @@ def test_a_body_that_is_moved_is_heard_as_in_the_render(
     blow = Strike(at="top", impulse=1e-2, duration=1e-3, shape="gaussian", time=0.02)
     model = replace(ball(), centre=np.array([0.02, 0.0, 0.01]))
     body = Body(model=model, excitations=blow, position=(times, places), rotation=(times, turns))
-    wanted = struck.render(body, seconds=0.5, listener=listener).samples
+    wanted = struck.render(body, seconds=0.5, fade=0, listener=listener).samples
     player = by_hand(Scene(bodies={"it": Body(model=model)}), volume=-30, listener=listener)
     silent(player)
     start = aligned(player.now + 0.05)
@@ -208,7 +208,7 @@ def test_a_listener_goes_at_its_moment_as_in_the_render(by_hand: Make) -> None:
     places = np.array([[0.0, -1.5, 0.5], [0.0, -1.2, 0.5], [0.8, -1.0, 0.5]])
     blow = replace(blow, shape="gaussian")
     walk = Mono(position=(times, places))
-    wanted = struck.render(ball(), blow, seconds=0.4, listener=walk).samples[0]
+    wanted = struck.render(ball(), blow, seconds=0.4, fade=0, listener=walk).samples[0]
     player = by_hand(ball(), volume=-30, listener=Mono(position=tuple(places[0])))
     silent(player)
     start = aligned(player.now + 0.05)

@@ -62,9 +62,11 @@ def test_nobody_knows_its_directions_or_units_unless_told() -> None:
 
 
 def test_a_strike_rings_as_recorded_at_one_metre() -> None:
-    sound = render(model(), Strike(impulse=0.5), seconds=1, sample_rate=RATE)
+    sound = render(model(), Strike(impulse=0.5), seconds=1, fade=0, sample_rate=RATE)
     np.testing.assert_allclose(sound.samples[0], expected(0.5), atol=1e-6)
-    farther = render(model(), Strike(impulse=0.5), seconds=1, listener=(0, 0, -2), sample_rate=RATE)
+    farther = render(
+        model(), Strike(impulse=0.5), seconds=1, fade=0, listener=(0, 0, -2), sample_rate=RATE
+    )
     np.testing.assert_allclose(farther.samples[0], expected(0.25), atol=1e-6)
 
 

@@ -66,7 +66,7 @@ def test_bodies_that_turn_are_heard_as_when_the_world_turns_the_other_way() -> N
             ("world", still, world),
             ("nothing", still, fixed),
         ):
-            sound = render(each, listener=listener, seconds=0.3, sample_rate=RATE)
+            sound = render(each, listener=listener, seconds=0.3, fade=0, sample_rate=RATE)
             heard[name] += sound.samples
     settled = slice(round(0.02 * RATE), None)  # until then the world is held as at 0 s
     apart = {
@@ -89,7 +89,7 @@ def test_a_table_of_rotations_carries_the_centre_along() -> None:
     )
     listener = Mono(position=(2, 1, 0))
     one, other = (
-        render(each, listener=listener, seconds=0.3, sample_rate=RATE).samples.astype(float)
+        render(each, listener=listener, seconds=0.3, fade=0, sample_rate=RATE).samples.astype(float)
         for each in (turning, carried)
     )
     assert level(one - other, other) < -100
@@ -100,13 +100,13 @@ def test_a_listener_above_a_floor_hears_it() -> None:
     hit = Strike(at=(0.31, 0.17, 0.015), impulse=1.0, duration=2e-3)
     above = np.array([0.0, 0.0, 1.0])
     near, far = (
-        render(floor, hit, listener=height * above, seconds=0.5, sample_rate=8000).samples
+        render(floor, hit, listener=height * above, seconds=0.5, fade=0, sample_rate=8000).samples
         for height in (1.0, 2.0)
     )
     np.testing.assert_allclose(near, 2 * far, rtol=1e-5, atol=1e-12)
     # Down to the boards no louder than at the radius of a ball of the floor's area.
     reach = np.sqrt((2 * 2 * 2 + 4 * 2 * 0.03) / (4 * np.pi))
-    close = render(floor, hit, listener=0.016 * above, seconds=0.5, sample_rate=8000).peak
+    close = render(floor, hit, listener=0.016 * above, seconds=0.5, fade=0, sample_rate=8000).peak
     assert close == pytest.approx(np.abs(near).max() / reach, rel=1e-4)
     with pytest.raises(ContactError, match="inside the body's surface"):
         render(floor, hit, listener=0.014 * above)
@@ -117,11 +117,12 @@ def test_two_ears_above_a_floor_and_no_ear_inside_it() -> None:
     body = Body(model=slab, excitations=STRIKE, rotation=(2**-0.5, 0, 0, 2**-0.5))
     # 0.2 m long along x, which is turned to y; the ball about it has a radius of 0.12 m.
     ears = Stereo(position=(0.06, 0, 0), facing=(0, 1, 0), head="woodworth")
-    assert render(body, listener=ears, seconds=0.1).peak > 0
+    assert render(body, listener=ears, seconds=0.1, fade=0).peak > 0
     with pytest.raises(ContactError, match="inside its surface"):
         render(body, listener=Mono(position=(0, 0.06, 0)))
     loud, soft = (
-        render(body, listener=Mono(position=(x, 0, 0)), seconds=0.2).peak for x in (0.051, 0.12)
+        render(body, listener=Mono(position=(x, 0, 0)), seconds=0.2, fade=0).peak
+        for x in (0.051, 0.12)
     )
     reach = np.sqrt((2 * 0.1 * 0.1 + 4 * 0.2 * 0.1) / (4 * np.pi))
     assert loud / soft == pytest.approx(0.12 / reach, rel=1e-3)
@@ -132,7 +133,8 @@ def test_bodies_may_be_silent_or_at_peace() -> None:
     others = [Body(model=BLOCK, position=(1, 0, 0)), Body(model=RigidBody(), position=(0, 2, 0))]
     listener = Mono(position=(0, 1, 0))
     alone, among = (
-        render(each, listener=listener, seconds=0.2).samples for each in ([hit], [hit, *others])
+        render(each, listener=listener, seconds=0.2, fade=0).samples
+        for each in ([hit], [hit, *others])
     )
     np.testing.assert_array_equal(alone, among)
     with pytest.raises(OptionError, match="nothing to render"):

@@ -30,7 +30,7 @@ ELSEWHERE = (-0.03, -0.02, 0.05)
 
 
 def heard(actions: Action | Sequence[Action], seconds: float = 0.5) -> np.ndarray:
-    return render(BLOCK, actions, seconds=seconds).samples[0].astype(float)
+    return render(BLOCK, actions, seconds=seconds, fade=0).samples[0].astype(float)
 
 
 def decibels(error: np.ndarray, signal: np.ndarray) -> float:

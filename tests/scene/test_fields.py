@@ -39,9 +39,12 @@ def test_a_strike_is_the_sum_of_what_modes_send_there() -> None:
     places *= (chance.uniform(0.1, 3.0, 20) / np.linalg.norm(places, axis=1))[:, None]
     for place in places:
         heard = render(
-            Body(model=MODEL, excitations=SOFT), listener=Mono(position=tuple(place)), seconds=0.05
+            Body(model=MODEL, excitations=SOFT),
+            listener=Mono(position=tuple(place)),
+            seconds=0.05,
+            fade=0,
         ).samples[0]
-        alone = render(MODEL, SOFT, listener=place, seconds=0.05).samples[0].astype(float)
+        alone = render(MODEL, SOFT, listener=place, seconds=0.05, fade=0).samples[0].astype(float)
         wanted = delayed(alone, float(np.linalg.norm(place)) / AIR.sound_speed)
         apart = np.abs(heard - wanted)[:-200]  # a delay by the spectrum wraps round at the end
         assert apart.max() <= 1e-3 * np.abs(wanted).max()
@@ -59,12 +62,14 @@ def around(time: float) -> tuple[float, float, float]:
 )
 def test_a_walk_round_a_body_does_not_click(listener: Mono | Stereo | Binaural) -> None:
     first = RATE // 20
-    walk = render(RUNG, SOFT, listener=replace(listener, position=around), seconds=0.4)
+    walk = render(RUNG, SOFT, listener=replace(listener, position=around), seconds=0.4, fade=0)
     loudest = max(
         np.abs(np.diff(stood.samples[:, first:], 2)).max()
         for time in (0.05, 0.2, 0.35)
         for stood in [
-            render(RUNG, SOFT, listener=replace(listener, position=around(time)), seconds=0.1)
+            render(
+                RUNG, SOFT, listener=replace(listener, position=around(time)), seconds=0.1, fade=0
+            )
         ]
     )
     assert np.abs(np.diff(walk.samples[:, first:], 2)).max() <= 1.5 * loudest
@@ -78,7 +83,7 @@ def test_a_head_ahead_hears_low_sound_as_two_bare_ears_do() -> None:
     levels = []
     for listener in (Stereo(), Stereo(field="ears"), Binaural(), Binaural(field="ears")):
         seen: Listener = replace(listener, position=(1.5, 0, 0), facing=(-1, 0, 0))
-        samples = render(low, SOFT, listener=seen, seconds=0.5).samples
+        samples = render(low, SOFT, listener=seen, seconds=0.5, fade=0).samples
         spectrum = np.abs(np.fft.rfft(samples * np.hanning(samples.shape[1])))
         levels.append(spectrum[:, frequencies.astype(int) // 2])
     ball, kemar = (20 * np.log10(head / bare) for head, bare in (levels[:2], levels[2:]))
@@ -88,7 +93,7 @@ def test_a_head_ahead_hears_low_sound_as_two_bare_ears_do() -> None:
 
 def test_a_head_shades_what_comes_from_aside() -> None:
     aside = Binaural(position=(0, 1.0, 0), facing=(1, 0, 0))  # the body is on the right
-    left, right = render(MODEL, SOFT, listener=aside, seconds=0.1).samples
+    left, right = render(MODEL, SOFT, listener=aside, seconds=0.1, fade=0).samples
     assert np.square(right).sum() > 2 * np.square(left).sum()
 
 
@@ -106,8 +111,8 @@ def test_a_body_that_turns_is_heard_as_by_one_who_walks_round_it() -> None:
         return 0.6 * np.array([np.cos(angle), np.sin(angle), 0])
 
     spinning = Body(model=RUNG, excitations=SOFT, rotation=rotation)
-    turned = render(spinning, listener=Mono(position=(0.6, 0, 0)), seconds=0.3).samples[0]
-    walked = render(RUNG, SOFT, listener=Mono(position=walk), seconds=0.3).samples[0]
+    turned = render(spinning, listener=Mono(position=(0.6, 0, 0)), seconds=0.3, fade=0).samples[0]
+    walked = render(RUNG, SOFT, listener=Mono(position=walk), seconds=0.3, fade=0).samples[0]
     np.testing.assert_allclose(turned, walked, atol=1e-3 * np.abs(walked).max())
 
 
@@ -121,8 +126,8 @@ def test_a_wall_is_a_second_body_that_is_mirrored(listener: Mono | Stereo) -> No
     heard = replace(listener, position=tuple(ear))
     body = Body(model=MODEL, excitations=SOFT, position=tuple(place))
     image = Body(model=mirrored(MODEL), excitations=SOFT, position=tuple(place * [-1, 1, 1]))
-    reflected = render(body, listener=heard, room=room, seconds=0.1).samples
-    both = render([body, image], listener=heard, seconds=0.1).samples
+    reflected = render(body, listener=heard, room=room, seconds=0.1, fade=0).samples
+    both = render([body, image], listener=heard, seconds=0.1, fade=0).samples
     np.testing.assert_allclose(reflected, both, atol=1e-3 * np.abs(both).max())
 
 
@@ -130,7 +135,7 @@ def test_many_images_of_a_field_are_refused() -> None:
     room = Room(size=(4.0, 4.0, 4.0), order=5)
     body = Body(model=MODEL, excitations=SOFT, position=(1, 2, 2))
     with pytest.raises(OptionError, match=r"makes 231 images .* at most 129: give an order= of 4"):
-        render(body, listener=Mono(position=(3, 2, 2)), room=room, seconds=0.1)
+        render(body, listener=Mono(position=(3, 2, 2)), room=room, seconds=0.1, fade=0)
 
 
 def test_bodies_with_fields_add_up() -> None:
@@ -139,17 +144,17 @@ def test_bodies_with_fields_add_up() -> None:
         for y in (0.0, 0.5)
     ]
     listener = Binaural(position=(1, 0.2, 0), facing=(-1, 0, 0))
-    together = render(bodies, listener=listener, seconds=0.1).samples
-    apart = sum(render(each, listener=listener, seconds=0.1).samples for each in bodies)
+    together = render(bodies, listener=listener, seconds=0.1, fade=0).samples
+    apart = sum(render(each, listener=listener, seconds=0.1, fade=0).samples for each in bodies)
     np.testing.assert_allclose(together, apart, atol=2e-6 * np.abs(together).max())
 
 
 def test_who_comes_too_near_is_told_how() -> None:
     walk = Mono(position=([0.0, 0.1], [(0.5, 0, 0), (0.065, 0, 0)]))
     with pytest.raises(ContactError, match="near=True"):
-        render(RUNG, SOFT, listener=walk, seconds=0.2)
+        render(RUNG, SOFT, listener=walk, seconds=0.2, fade=0)
     near = replace(RUNG, gains=radiating_ball(near=True)[0].gains)
-    assert np.isfinite(render(near, SOFT, listener=walk, seconds=0.2).samples).all()
+    assert np.isfinite(render(near, SOFT, listener=walk, seconds=0.2, fade=0).samples).all()
 
 
 def test_a_way_to_hear_fields_is_one_of_two() -> None:

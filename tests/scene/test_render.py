@@ -137,7 +137,7 @@ def test_a_strike_solves_the_equation_of_motion_of_each_mode() -> None:
     squares = np.square(2 * np.pi * BLOCK.natural_frequencies)[:, None]
     inertia = drive[:, None] * force - squares * answer.y[: len(drive)]
     expected = -output @ (inertia / squares)
-    sound = render(BLOCK, strike, seconds=0.01, listener=listener)
+    sound = render(BLOCK, strike, seconds=0.01, fade=0, listener=listener)
     np.testing.assert_allclose(sound.samples[0], expected, atol=1e-6 * np.abs(expected).max())
 
 
@@ -151,16 +151,16 @@ def test_strikers_that_bring_less_energy_than_they_leave_are_told() -> None:
     drive = bar.gains.at(*(np.array([each]) for each in ((0.15, 0.0, 0.002), (0, 0, -1.0))))[0, 0]
     impulse = steel.mass * (1 + steel.restitution)
     share = np.sum((impulse * drive) ** 2) / steel.mass
-    (note,) = [n for n in render(bar, blow, seconds=0.1).notes if "striker's energy" in n]
+    (note,) = [n for n in render(bar, blow, seconds=0.1, fade=0).notes if "striker's energy" in n]
     assert f"1 of 1 strikes leave up to {share:.2g} times the striker's energy" in note
     assert f"{10 * np.log10(share):.1f} dB softer" in note
-    assert not render(bar, Strike(at="middle", striker="felt"), seconds=0.1).notes
+    assert not render(bar, Strike(at="middle", striker="felt"), seconds=0.1, fade=0).notes
 
 
 def test_half_the_distance_doubles_the_pressure() -> None:
     strike = Strike(at=TOP, impulse=0.02)
     far, near = (
-        render(BLOCK, strike, seconds=0.2, listener=(0, distance, 0)).samples
+        render(BLOCK, strike, seconds=0.2, fade=0, listener=(0, distance, 0)).samples
         for distance in (2.0, 1.0)
     )
     np.testing.assert_allclose(near, 2 * far, rtol=1e-6)
@@ -172,25 +172,27 @@ def test_strikes_superpose() -> None:
         Strike(at="top", striker="steel", speed=1.0, time=0.10003),
         Strike(at="vertex:3", impulse=0.01, direction=(1, 1, 0), time=0.05),
     ]
-    together = render(BLOCK, strikes, seconds=0.4).samples
-    apart = sum(render(BLOCK, strike, seconds=0.4).samples.astype(float) for strike in strikes)
+    together = render(BLOCK, strikes, seconds=0.4, fade=0).samples
+    apart = sum(
+        render(BLOCK, strike, seconds=0.4, fade=0).samples.astype(float) for strike in strikes
+    )
     np.testing.assert_allclose(together, apart, atol=2e-7 * np.abs(apart).max())
 
 
 def test_an_onset_between_samples_delays_every_mode_by_just_that() -> None:
     late = Strike(at=TOP, impulse=0.02, duration=5e-4, time=0.3 / 48000)
     fine = Strike(at=TOP, impulse=0.02, duration=5e-4, time=3 / 480000)
-    coarse = render(BLOCK, late, seconds=0.1).samples[0]
-    dense = render(BLOCK, fine, seconds=0.1, sample_rate=480000).samples[0, ::10]
+    coarse = render(BLOCK, late, seconds=0.1, fade=0).samples[0]
+    dense = render(BLOCK, fine, seconds=0.1, fade=0, sample_rate=480000).samples[0, ::10]
     np.testing.assert_allclose(coarse, dense, atol=1e-6 * np.abs(dense).max())
-    assert np.abs(coarse - render(BLOCK, replace(late, time=0.0), seconds=0.1).samples[0]).max() > (
-        0.01 * np.abs(dense).max()
-    )
+    assert np.abs(
+        coarse - render(BLOCK, replace(late, time=0.0), seconds=0.1, fade=0).samples[0]
+    ).max() > (0.01 * np.abs(dense).max())
 
 
 def test_pressure_goes_with_the_impulse() -> None:
     soft, hard = (
-        render(BLOCK, Strike(impulse=impulse, duration=1e-4), seconds=0.1).samples
+        render(BLOCK, Strike(impulse=impulse, duration=1e-4), seconds=0.1, fade=0).samples
         for impulse in (0.01, 0.03)
     )
     np.testing.assert_allclose(hard, 3 * soft, rtol=1e-6, atol=1e-9)
@@ -199,7 +201,7 @@ def test_pressure_goes_with_the_impulse() -> None:
 def test_softer_strikers_sound_darker() -> None:
     shares = []
     for striker in ("fingertip", "rubber", "wood", "steel"):
-        sound = render(BLOCK, Strike(at=TOP, impulse=0.01, striker=striker), seconds=1.0)
+        sound = render(BLOCK, Strike(at=TOP, impulse=0.01, striker=striker), seconds=1.0, fade=0)
         frequencies, values = sound.spectrum()
         energy = np.square(values[0])
         shares.append(energy[frequencies > 2000].sum() / energy.sum())
@@ -210,10 +212,10 @@ def test_softer_strikers_sound_darker() -> None:
 
 def test_modes_above_half_the_sample_rate_are_left_out_and_counted() -> None:
     strike = Strike(at=TOP, impulse=0.02)
-    low = render(BLOCK, strike, seconds=0.5, sample_rate=6000)
+    low = render(BLOCK, strike, seconds=0.5, fade=0, sample_rate=6000)
     assert low.notes == ("4 of 12 modes lie at or above 3000 Hz and were left out",)
     assert peaks(low, 1)[0] < 3000
-    assert render(BLOCK, strike, seconds=0.1).notes == ()
+    assert render(BLOCK, strike, seconds=0.1, fade=0).notes == ()
 
 
 def test_a_body_that_samples_cannot_carry_is_silent() -> None:
@@ -239,27 +241,27 @@ def test_an_endless_sound_is_cut_and_says_so() -> None:
 
 
 def test_a_contact_beside_the_surface_says_how_far_it_was_moved() -> None:
-    sound = render(BLOCK, Strike(at=(0.02, 0.01, 0.052), impulse=0.02), seconds=0.1)
+    sound = render(BLOCK, Strike(at=(0.02, 0.01, 0.052), impulse=0.02), seconds=0.1, fade=0)
     assert sound.notes == ("a contact was moved 0.002 m to the surface",)
 
 
 def test_the_listener_stands_a_metre_away_or_two_radii() -> None:
     strike = Strike(at=TOP, impulse=0.02)
-    left_out = render(BLOCK, strike, seconds=0.1).samples
+    left_out = render(BLOCK, strike, seconds=0.1, fade=0).samples
     np.testing.assert_array_equal(
-        left_out, render(BLOCK, strike, seconds=0.1, listener=(1, 0, 0)).samples
+        left_out, render(BLOCK, strike, seconds=0.1, fade=0, listener=(1, 0, 0)).samples
     )
     large = BLOCK.scaled(10.0)
     radius = np.linalg.norm([1.0, 0.5, 0.5])
     strike = Strike(at="top", impulse=0.02)
     np.testing.assert_array_equal(
-        render(large, strike, seconds=0.1).samples,
-        render(large, strike, seconds=0.1, listener=(2 * radius, 0, 0)).samples,
+        render(large, strike, seconds=0.1, fade=0).samples,
+        render(large, strike, seconds=0.1, fade=0, listener=(2 * radius, 0, 0)).samples,
     )
 
 
 def test_a_sound_is_calibrated_where_its_model_is() -> None:
-    assert render(BLOCK, Strike(impulse=0.02), seconds=0.1).calibrated
+    assert render(BLOCK, Strike(impulse=0.02), seconds=0.1, fade=0).calibrated
 
 
 @pytest.mark.parametrize(

@@ -67,7 +67,7 @@ class _Place:
     @classmethod
     def of(cls, model: struck.ModalModel, name: str) -> _Place:
         """Strike a place, and take the loudest 1/8 s of the sound."""
-        sound = struck.render(model, struck.Strike(at=name), seconds=0.5)
+        sound = struck.render(model, struck.Strike(at=name), seconds=0.5, fade=0)
         squares = np.square(sound.samples[0].astype(float))
         window = sound.sample_rate // 8
         most = np.diff(np.cumsum(squares)[::window], prepend=0.0).max() / window

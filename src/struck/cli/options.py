@@ -305,6 +305,13 @@ def add_budget(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_fade(parser: argparse.ArgumentParser) -> None:
+    """Declare the fade of a sound that is cut off."""
+    parser.add_argument(
+        "--fade", type=float, help="of a sound that is cut off, s (default 0.01; 0 for none)"
+    )
+
+
 def add_cache(parser: argparse.ArgumentParser) -> None:
     """Declare whether finished work is taken up and kept."""
     told = "neither take up nor keep finished work"

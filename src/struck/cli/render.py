@@ -17,6 +17,7 @@ from struck.cli.options import (
     PITCH,
     POSITION,
     add_budget,
+    add_fade,
     add_listener,
     add_room,
     length,
@@ -86,6 +87,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     )
     add_budget(parser)
     parser.add_argument("--seconds", type=float, help="length of the sound")
+    add_fade(parser)
     parser.add_argument("--rate", type=int, default=48_000, help="samples a second")
     parser.add_argument(
         "--level", type=level, help="full scale: peak (default), a pressure in Pa, or absolute (20)"
@@ -183,14 +185,25 @@ def _set(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     levels = [row["level_db"] for row in rows if row["level_db"] is not None]
     span = f", peaks from {min(levels):.1f} to {max(levels):.1f} dB of it" if levels else ""
     scale = f"full scale is {rows[0]['full_scale']:.4g} {rows[0]['unit']}{span}"
-    told = (f"{name}: {note}" for name, sound in sounds for note in sound.notes)
-    notes = [*dict.fromkeys([*lost, *told])]
+    notes = [*lost, *_grouped(sounds)]
     if options.sounds in {"ogg", "mp3"}:
         notes.append(f"{options.sounds} leaves out what is not heard: levels are kept within 1 dB")
     if idle := [name for name in OF_A_SOUND if name in given[0]]:
         notes.append(f"not used of {table}: {', '.join(idle)}; options say them anew")
     last = f"wrote {counted(len(rows), 'sound')} and {TABLE} to {options.output}: {scale}"
     return Result([*notes, last], output=options.output, sounds=rows, notes=notes)
+
+
+def _grouped(sounds: list[tuple[str, struck.Sound]]) -> list[str]:
+    """Return the notes of sounds, each once, after the name of the first sound that has it."""
+    names: dict[str, list[str]] = {}
+    for name, sound in sounds:
+        for note in sound.notes:
+            names.setdefault(note, []).append(name)
+    return [
+        f"{first}{' and ' + counted(len(more), 'more sound') if more else ''}: {note}"
+        for note, (first, *more) in names.items()
+    ]
 
 
 def _require_folder(options: argparse.Namespace, table: str) -> None:
@@ -238,6 +251,7 @@ def _heard(options: argparse.Namespace) -> dict[str, Any]:
         "sample_rate": options.rate,
         "listener": listener(options),
         "room": room(options),
+        "fade": options.fade,
     }
 
 

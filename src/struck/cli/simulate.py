@@ -16,7 +16,7 @@ import numpy as np
 
 import struck
 from struck.cli import Result
-from struck.cli.options import add_listener, add_room, listener, metres, refuse, room
+from struck.cli.options import add_fade, add_listener, add_room, listener, metres, refuse, room
 from struck.cli.play import device, played_result
 from struck.cli.render import saved
 from struck.ears.listeners import Listener, Mono, is_listener, position_of
@@ -72,6 +72,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--device", help="to play on, as for `struck play`")
     parser.add_argument("--ring", type=float, default=2.0, help="s heard after motion ends")
     parser.add_argument("--rate", type=int, default=48_000, help="samples a second")
+    add_fade(parser)
     parser.add_argument("--stems", action="store_true", help="write a sound of each body too")
     parser.add_argument("--log", help="contact log: .npz (default, beside the sound), .csv, .jsonl")
     parser.add_argument("-o", "--output", help="sound file; SCENE.wav unless given")
@@ -79,7 +80,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck simulate`."""
-    others = ("log", "output", "rate", "ring", "stems") if options.play else ("device",)
+    others = ("log", "output", "rate", "ring", "fade", "stems") if options.play else ("device",)
     without = "a file: leave out --play" if options.play else "playing: give --play"
     refuse(options, others, f"is for {without}")
     require_seconds(options.seconds, options.ring)
@@ -169,6 +170,7 @@ def _heard(options: argparse.Namespace) -> dict[str, Any]:
         "room": room(options),
         "seconds": options.seconds + options.ring,
         "sample_rate": options.rate,
+        "fade": options.fade,
     }
 
 

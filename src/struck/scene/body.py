@@ -413,6 +413,36 @@ def doubts(bodies: Sequence[Body], seconds: float | None) -> tuple[str, ...]:
     return (note,) if late else ()
 
 
+_LONGEST_BLOW = 0.1  # s; a fingertip at 0.01 m/s pushes for 0.02 s
+
+
+def long_contacts(bodies: Sequence[Body], seconds: float | None) -> tuple[str, ...]:
+    """Return notes on strikes that push for longer than 0.1 s, with the option probably meant."""
+    from struck.excitation.strike import Strike
+
+    notes = {}
+    for body in bodies:
+        kinds = {}
+        for each in body.actions:
+            if isinstance(each, Strike):
+                kinds[each.striker, each.speed, each.impulse, each.energy, each.duration] = each
+        for strike in kinds.values():
+            lasts = strike.duration
+            if lasts is None:
+                place = body.sounding.contact(strike.at, strike.direction)
+                lasts = strike.resolved(body.sounding, place).duration
+            if lasts <= _LONGEST_BLOW:
+                continue
+            hint = f"did you mean seconds={lasts:g}, the length of the sound?"
+            if strike.duration is None:
+                hint = "give a higher speed=, in m/s, or a lighter striker"
+            elif seconds is not None:
+                hint = f"did you mean duration={lasts / 1000:g}, in s?"
+            note = f"a strike pushes for {lasts:.3g} s, and blows last at most {_LONGEST_BLOW:g} s"
+            notes[f"{note}: {hint}"] = None
+    return tuple(notes)
+
+
 def _pushed(body: Body) -> float:
     """Return the largest change of a body's speed by one impulse, m/s."""
     mass = getattr(body.model, "mass", None)

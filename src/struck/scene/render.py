@@ -37,12 +37,14 @@ from struck.scene.body import (
     centre_of,
     default_places,
     doubts,
+    long_contacts,
     place_beside,
     unknowns,
     unused_roughness,
     with_fewer_modes,
     without_late_holds,
 )
+from struck.scene.ending import faded, is_cut_off, level_note, require_fade
 from struck.scene.gathered_notes import gathered
 from struck.synth.poles import Poles, with_recoil
 from struck.synth.ring_down import Pulse, below_nyquist, released, ring_down
@@ -75,14 +77,17 @@ def render(
     listener: Listener | ArrayLike | None = None,
     room: Room | None = None,
     modes: int | None = None,
+    fade: float | None = None,
 ) -> Sound:
     """Return the sound of bodies at a listener (see `struck.render`)."""
     # p(t) = sum_n Im[g_n exp((-d_n + 2 pi i f_n) t)] answers a unit impulse. Half-sine strikes at
     # points are convolved with it in closed form (`struck.synth.ring_down`).
     require_length(seconds, sample_rate)
+    require_fade(fade, seconds)
     model, lost = with_fewer_modes(model, modes)
     told: tuple[str, ...] = ()
     logged = hasattr(excitations, "body0")
+    staged = isinstance(model, Scene)
     if isinstance(model, Scene):
         model, told = _excited(model, excitations)
         if model.logged is not None and not any(body.pushed for body in model.bodies.values()):
@@ -99,6 +104,7 @@ def render(
     bodies = [body for body in every if not body.silent]
     told += () if logged else unused_roughness(bodies)
     told += doubts(bodies, seconds)
+    told += () if staged else long_contacts(bodies, seconds)
     bodies = [without_late_holds(body, seconds) for body in bodies]
     if isinstance(model, ModalModel) and not (room or is_listener(listener)):
         place = (
@@ -118,11 +124,17 @@ def render(
             f"the sound would reach {peak:.3g}{' Pa' if calibrated else ''}, and its samples hold "
             f"at most {LARGEST:.2g}: give a smaller impulse, speed or force"
         )
+    require_fade(fade, samples.shape[1] / sample_rate)
+    if fade != 0 and is_cut_off(samples, sample_rate):
+        samples = faded(samples, sample_rate, fade)
+    told = lost + told + notes
+    if calibrated and (samples.any() or not told):
+        told += level_note(samples)
     return Sound(
         samples=samples.astype(np.float32),
         sample_rate=sample_rate,
         calibrated=calibrated,
-        notes=lost + told + notes + (() if logged else default_places(bodies)),
+        notes=told + (() if logged else default_places(bodies)),
     )
 
 

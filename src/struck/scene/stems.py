@@ -6,23 +6,36 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from struck.files.sound import FULL_SCALE
 from struck.scene.body import Scene
+from struck.scene.ending import faded, is_cut_off
 from struck.scene.render import render
 
 
-def save_stems(scene: Scene, whole: Path, *, factor: float, **heard: Any) -> list[Path]:  # noqa: ANN401 - of `render`
-    """Write one file with the sound of each excited body next to the whole; return the paths.
+def save_stems(scene: Scene, path: Path, *, factor: float, **heard: Any) -> list[Path]:  # noqa: ANN401 - of `render`
+    """Write one file with the sound of each excited body next to that of all; return the paths.
 
-    `factor` is what the samples of the whole were multiplied by in its file; so are these. The
-    rest is said to `render`.
+    `factor` is what the samples of all, in the file at `path`, were multiplied by; so are those of
+    stems, which fade out together if what they add up to is cut off. `heard` are the options of
+    `render`.
     """
+    fade = heard.pop("fade", None)
+    excited = {n: body for n, body in scene.bodies.items() if not body.silent and body.actions}
+    stems = {name: render([body], **heard, fade=0) for name, body in excited.items()}
+    lengths = [sound.samples.shape[1] for sound in stems.values()]
+    total = sum(
+        np.pad(sound.samples, ((0, 0), (0, max(lengths) - length)))
+        for sound, length in zip(stems.values(), lengths, strict=True)
+    )
     written = []
-    for name, body in scene.bodies.items():
-        if not body.silent and body.actions:
-            alone = render([body], **heard)
-            safe = "".join(each if each.isalnum() or each in "-_" else "_" for each in name)
-            written.append(whole.with_name(f"{whole.stem}.{safe}.wav"))
-            scaled = replace(alone, samples=alone.samples * (factor * FULL_SCALE))
-            scaled.save(written[-1], level="absolute")
+    for name, sound in stems.items():
+        samples = sound.samples
+        if fade != 0 and is_cut_off(total, sound.sample_rate):
+            samples = faded(samples, sound.sample_rate, fade)
+        safe = "".join(each if each.isalnum() or each in "-_" else "_" for each in name)
+        written.append(path.with_name(f"{path.stem}.{safe}.wav"))
+        scaled = replace(sound, samples=samples * (factor * FULL_SCALE))
+        scaled.save(written[-1], level="absolute")
     return written
