@@ -89,11 +89,11 @@ class RadiatedPower:
         self._prepared: WeakKeyDictionary[Mesh, tuple[bytes, Skin, Radiator]] = WeakKeyDictionary()
 
     def __getstate__(self) -> dict[str, Air]:
-        """Return the medium alone: what was prepared is computed again."""
+        """Return the medium alone, without the store of radiators."""
         return {"air": self.air}
 
     def __setstate__(self, state: dict[str, Air]) -> None:
-        """Begin without anything prepared."""
+        """Restore the medium, with an empty store of radiators."""
         self.__init__(air=state["air"])
 
     def _prepare(self, surface: Mesh, centre: Array) -> tuple[Skin, Radiator]:

@@ -1,4 +1,4 @@
-"""Ending of a sound: a fade where it is cut off, and notes on levels that nobody would notice."""
+"""Ends of sounds: a fade if one is cut off, and a note on levels below hearing."""
 
 from __future__ import annotations
 

@@ -209,7 +209,7 @@ def _cancelled(segments: Sequence[Segment], ringing: Exponentials, pushes: Seque
 
 
 def _within_blow(segments: Sequence[Segment], ringing: Exponentials) -> Mask:
-    """Return which modes (M,) what is heard later contradicts, or die within the blow.
+    """Return which modes (M,) later samples contradict, and which die within the blow.
 
     Modes that outlast the longest blow are not tried. A mode is contradicted at a moment if less
     than half of it is left in its band, by more than noise takes away by chance, and if its gain
