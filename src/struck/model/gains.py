@@ -357,7 +357,8 @@ class ShapeGains(Gains):
     def similar(self, frequencies: Array, size: float, density: float) -> ShapeGains:
         """Return the gains of a body whose frequencies (M,), Hz, have gone with 1 / size alone.
 
-        Of a radiation that is a `ScalableRadiation`.
+        Of a radiation that is a `ScalableRadiation`; `size` and `density` are ratios to the present
+        ones.
         """
         modes = np.arange(self.count)
         surface, shapes, centre, formula = self._moving(modes, size, density)
