@@ -32,34 +32,34 @@ def bar_of(section: GivenSection) -> object:
 
 # What is refused, and what its message must hold.
 REFUSED: list[tuple[Callable[[], object], str]] = [
-    (lambda: struck.render(BAR, Strike(), sample_rate=10**9), "at most 1e+06"),
+    (lambda: struck.render(BAR, Strike(), sample_rate=10**9), "at most 1e6"),
     (lambda: struck.render(BAR, Strike(), sample_rate=10**400), "than 300 digits"),
     (lambda: struck.render(BAR, Strike(), sample_rate=np.nan), "sample_rate is nan"),
-    (lambda: struck.render(BAR, Strike(), seconds=3600, sample_rate=10**6), "3.6e+09 samples"),
+    (lambda: struck.render(BAR, Strike(), seconds=3600, sample_rate=10**6), "3.6e9 samples"),
     (lambda: struck.render(BAR, Strike(), seconds=1e9), "at most 3600"),
     (lambda: Room(size=(3, 4, 5), order=60), "order of reflections is 60.* 24"),
     (lambda: Room(size=(3, 4, 5), order=np.nan), "order is nan"),
     (lambda: Room(size=(3, 4, 5), order=10**400), "order is a number of more than 300 digits"),
-    (lambda: Resonators([BAR], points=10**9), "points is 1e+09.* 65536"),
+    (lambda: Resonators([BAR], points=10**9), "points is 1e9.* 65536"),
     (lambda: Resonators([BAR], points=1.5), "points is 1.5"),
-    (lambda: Resonators([BAR], voices=10**9), "voices is 1e+09.* 65536"),
+    (lambda: Resonators([BAR], voices=10**9), "voices is 1e9.* 65536"),
     (lambda: Resonators([BAR], voices=np.inf), "voices is inf"),
     (lambda: Pluck(force=1.0, rise=1e4), "rise is 10000: it must be at most 60"),
     (lambda: Pluck(force=np.inf), "force is inf"),
     (lambda: Reverberation(seconds=1e300, volume=60), "at most 120"),
     (lambda: Reverberation(seconds={1e300: 1.0}, volume=60), "at most 1e"),
     (lambda: Reverberation(seconds=1.0, volume=60, seed=-1), "seed is -1"),
-    (lambda: String(length=0.6, radius=1e9, tension=100), "1e+09 m: it must be at most 1e+06"),
+    (lambda: String(length=0.6, radius=1e9, tension=100), "1e9 m: it must be at most 1e6"),
     (
         lambda: struck.analyze(String(length=1e5, radius=1e3, tension=1e-9), "steel"),
         "the string has about .* at most 100000",
     ),
-    (lambda: bar_of(GivenSection(area=1e300, second_moment=1e-9, shear_coefficient=0.8)), "1e+24"),
+    (lambda: bar_of(GivenSection(area=1e300, second_moment=1e-9, shear_coefficient=0.8)), "1e24"),
     (lambda: bar_of(GivenSection(area=1e-300, second_moment=1e-9, shear_coefficient=0.8)), "1e-36"),
     (lambda: Bar(length=0.3, width=0.03, thickness=1e-300), "1e-300 m: it must exceed"),
     (lambda: Bar(length=10**400, width=0.03, thickness=0.005), "more than 300 digits"),
-    (lambda: CircularPlate(radius=1e300, thickness=1e-3), "at most 1e+06"),
-    (lambda: Tube(length=1e300, radius=0.1, wall=0.01), "at most 1e+06"),
+    (lambda: CircularPlate(radius=1e300, thickness=1e-3), "at most 1e6"),
+    (lambda: Tube(length=1e300, radius=0.1, wall=0.01), "at most 1e6"),
     (lambda: Block(size=(1e-12, 0.1, 0.1)), "1e-12 m: it must exceed 0, and 1e-09"),
     (
         lambda: struck.analyze(
@@ -75,14 +75,14 @@ REFUSED: list[tuple[Callable[[], object], str]] = [
         lambda: struck.analyze(Bar(length=0.3, width=0.03, thickness=0.005, ends="hinged"), SOFT),
         "about .* modes of one kind .*200e9",
     ),
-    (lambda: struck.sound_map(BAR, level=1e9), "level is 1e+09: it must be at most 300"),
+    (lambda: struck.sound_map(BAR, level=1e9), "level is 1e9: it must be at most 300"),
     (lambda: struck.sound_map(BAR, level=-1e9), "level is -1"),
-    (lambda: BAR.scaled(1e300), "factor is 1e+300: it must be at most 1e+09"),
+    (lambda: BAR.scaled(1e300), "factor is 1e300: it must be at most 1e9"),
     (lambda: BAR.scaled(1e-300), "factor is 1e-300"),
-    (lambda: Scrape(path=PATH, speed=0.1, load=1.0, radius=1e300), "radius is 1e+300.* 1e+06"),
-    (lambda: Roll(path=PATH, radius=1e-9, speed=0.1, mass=0.1), "radius is 1e-09.*above 1e-07"),
+    (lambda: Scrape(path=PATH, speed=0.1, load=1.0, radius=1e300), "radius is 1e300.* 1e6"),
+    (lambda: Roll(path=PATH, radius=1e-9, speed=0.1, mass=0.1), "radius is 1e-09.*above 1e-7"),
     (lambda: Scrape(path=PATH, speed=0.1, load=1.0, seed=-1), "seed is -1"),
-    (lambda: Material(density=1e300, youngs_modulus=1e9, poisson_ratio=0.3), "at most 1e+30"),
+    (lambda: Material(density=1e300, youngs_modulus=1e9, poisson_ratio=0.3), "at most 1e30"),
     (lambda: Rayleigh(mass=10**400, stiffness=0), "mass is a number of more than 300 digits"),
 ]  # fmt: skip
 
@@ -149,5 +149,5 @@ def test_the_shell_tells_the_bound_in_one_line(
     )
     assert code == 2
     told = capsys.readouterr().err
-    assert "at most 1e+06" in told
+    assert "at most 1e6" in told
     assert told.count("\n") == 1

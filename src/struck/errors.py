@@ -17,10 +17,11 @@ Each message holds the value, the bound and the way out, and the nearest name wh
 """
 
 import difflib
+import math
 import re
 import unicodedata
 from collections.abc import Callable, Iterable
-from typing import SupportsIndex
+from typing import SupportsFloat, SupportsIndex
 
 
 class StruckError(Exception):
@@ -156,6 +157,24 @@ def counted(count: SupportsIndex, noun: str) -> str:
     plural = {"vertex": "vertices", "body": "bodies", "entry": "entries", "patch": "patches"}
     before, space, last = noun.rpartition(" ")
     return f"{count} {before}{space}{last if count == 1 else plural.get(last, f'{last}s')}"
+
+
+def rounded(value: SupportsFloat, digits: int = 6, *, sign: bool = False) -> str:
+    """Return a number for people: significant digits, and powers of ten only where it needs them.
+
+    From 0.0001 to below a million it has none, so that 172.4 to two digits is "170"; beyond it is
+    written as "7.2e10" or "2.1e-9".
+    """
+    plus, number = "+" if sign else "", float(f"{float(value):.{digits}g}")
+    if not math.isfinite(number) or number == 0:
+        return f"{abs(number) if number == 0 else number:{plus}g}"
+    power = math.floor(math.log10(abs(number)))
+    if -4 <= power < 6:
+        text = f"{number:{plus}.{max(0, digits - 1 - power)}f}"
+        return text.rstrip("0").rstrip(".") if "." in text else text
+    mantissa, _, exponent = f"{number:{plus}.{digits - 1}e}".partition("e")
+    mantissa = mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa
+    return f"{mantissa}e{int(exponent)}"
 
 
 def kind_of(body: object) -> str:

@@ -73,7 +73,7 @@ def test_the_bodies_of_a_mesh_file_are_listed(capsys: pytest.CaptureFixture[str]
     assert main(["info", "two.ply", "--units", "mm"]) == 0
     table = capsys.readouterr().out.splitlines()
     assert [line.split()[:2] for line in table[1:]] == [["0", "80"], ["1", "12"]]
-    assert table[2].endswith("0.06 x 0.02 x 0.03      3.6e-05  taken unless --part names another")
+    assert table[2].endswith("0.06 x 0.02 x 0.03      3.6e-5  taken unless --part names another")
     assert main(["info", "two.ply"]) == 0
     assert "--units" in capsys.readouterr().out
     assert main(["info", "none.ply"]) == 2

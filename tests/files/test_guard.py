@@ -358,7 +358,7 @@ def test_reader_that_talks_nonsense(tetrahedron: Path, program: str) -> None:
     [
         ("np.full((4, 3), np.nan), np.array([[0, 1, 2]])", "4 of 4 vertices are not finite"),
         ("np.eye(3) * [1, 1, np.inf], np.array([[0, 1, 2]])", "3 of 3 vertices are not finite"),
-        ("np.eye(3) * 1e200, np.array([[0, 1, 2]])", "1e+200 from the origin, and 1e+150"),
+        ("np.eye(3) * 1e200, np.array([[0, 1, 2]])", "1e200 from the origin, and 1e150"),
         ("np.eye(3), np.array([[0, 1, 3]])", "faces name vertices 0 to 3 of 3"),
         ("np.eye(3), np.array([[0, -1, 2]])", "faces name vertices -1 to 2 of 3"),
         ("np.eye(3), np.empty((0, 3), int)", "no triangles"),

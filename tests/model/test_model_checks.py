@@ -33,11 +33,11 @@ ALL = f"{COUNT} of {COUNT} numbers are"
 # Each by the beginning of its message; values of a model that are no model's.
 WRONG: dict[str, dict[str, object]] = {
     "decays: some go down to -1": {"decays": np.full(COUNT, -1.0)},
-    "decays: some go down to -1e+308": {"decays": np.full(COUNT, -1e308)},
+    "decays: some go down to -1e308": {"decays": np.full(COUNT, -1e308)},
     "decays: the shape is": {"decays": np.ones(COUNT - 1)},
-    f"decays: {ALL} not finite or beyond 1e+100, as nan": {"decays": np.full(COUNT, np.nan)},
+    f"decays: {ALL} not finite or beyond 1e100, as nan": {"decays": np.full(COUNT, np.nan)},
     "frequencies: some go down to": {"frequencies": -BAR.frequencies},
-    f"frequencies: {ALL} not finite or beyond 1e+100, as inf": {
+    f"frequencies: {ALL} not finite or beyond 1e100, as inf": {
         "frequencies": np.full(COUNT, np.inf)
     },
     "its natural_frequencies must ascend": {"natural_frequencies": BAR.natural_frequencies[::-1]},
@@ -45,8 +45,8 @@ WRONG: dict[str, dict[str, object]] = {
     "errors: some go down to": {"errors": np.full(COUNT, -0.1)},
     "poisson_slopes: the shape is": {"poisson_slopes": np.ones((COUNT, 2))},
     "its mass is 0": {"mass": 0.0},
-    "mass: 1 of 1 numbers are not finite or beyond 1e+100, as nan": {"mass": np.nan},
-    "mass: 1 of 1 numbers are not finite or beyond 1e+100, as 1e+101": {"mass": 1e101},
+    "mass: 1 of 1 numbers are not finite or beyond 1e100, as nan": {"mass": np.nan},
+    "mass: 1 of 1 numbers are not finite or beyond 1e100, as 1e+101": {"mass": 1e101},
     "centre: 1 of 3 numbers are not finite": {"centre": np.array([-np.inf, 0, 0])},
     "inertia: the shape is (3,)": {"inertia": np.ones(3)},
     "complete_to: some go down to": {"complete_to": -5.0},
@@ -59,7 +59,7 @@ WRONG: dict[str, dict[str, object]] = {
 def test_a_person_is_told_what_is_no_model(message: str) -> None:
     with pytest.raises(OptionError) as caught:
         replace(BAR, **WRONG[message])
-    assert str(caught.value).startswith(message.replace("-1e+308", "-1e+308").partition("-1")[0])
+    assert str(caught.value).startswith(message.partition("-1")[0])
 
 
 @pytest.mark.parametrize(

@@ -120,7 +120,7 @@ def test_a_body_that_only_recoils_is_summed_up_and_drawn() -> None:
         "0 modes, none missing up to 20000 Hz",
         "recoil    of the body as a whole, over within some 0.15 ms",
     ]
-    assert lines[-1].startswith("note      no mode lies below 20000 Hz: the lowest is at 1.191e")
+    assert lines[-1].startswith("note      no mode lies below 20000 Hz: the lowest is at 119100 Hz")
     assert lines[-1].endswith("what is heard is its recoil")
     sound = struck.render(die, struck.Strike(striker="steel", speed=0.5))
     figure = overview(die, sound, title="A die")

@@ -12,7 +12,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from struck.analysis.cached_steps import Stage, Stages, holding
-from struck.errors import MeshError, OptionError, RepairWarning
+from struck.errors import MeshError, OptionError, RepairWarning, rounded
 from struck.model.arrays import Array
 from struck.model.mesh import Arrays, Mesh
 from struck.model.provenance import Provenance
@@ -315,8 +315,9 @@ def _require_thin(wall: float | None, extent: float) -> None:
     """Refuse a wall that no body of that longest edge, m, can have."""
     if wall is not None and wall > extent / 2:
         raise OptionError(
-            f"wall is {wall:g} m, and the longest edge of the body is {extent:.4g} m: give at most "
-            f"{extent / 2:.3g} m, or leave it out for a solid body; 1 mm is wall=0.001"
+            f"wall is {wall:g} m, and the longest edge of the body is {rounded(extent, 4)} m: give "
+            f"at most {rounded(extent / 2, 3)} m, or leave it out for a solid body; 1 mm is "
+            "wall=0.001"
         )
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from struck.analysis.discretisation import Solid
 from struck.analysis.source_options import is_shape
 from struck.core.machine import in_few_threads
-from struck.errors import MeshError, NoModeError, OptionError, kind_of, nearest
+from struck.errors import MeshError, NoModeError, OptionError, kind_of, nearest, rounded
 from struck.model.arrays import Array, checked
 from struck.model.damping import hertz, ringing
 from struck.model.material import Material
@@ -264,9 +264,10 @@ def tune(
     if abs(best[1] / wanted - 1) > _NEAR:
         (low, high), (deep, bright) = ((min(each), max(each)) for each in zip(*points, strict=True))
         raise OptionError(
-            f"{vary} cannot bring {chosen} to {wanted:.7g} Hz: between {vary} = {low:.5g} and "
-            f"{high:.5g} it rings at {deep:.7g} to {bright:.7g} Hz, nearest at {best[1]:.7g} Hz "
-            f"with {vary} = {best[0]:.7g}; check the lengths (m), or vary another dimension or mode"
+            f"{vary} cannot bring {chosen} to {wanted:.7g} Hz: between {vary} = {rounded(low, 5)} "
+            f"and {rounded(high, 5)} it rings at {deep:.7g} to {bright:.7g} Hz, nearest at "
+            f"{best[1]:.7g} Hz with {vary} = {best[0]:.7g}; check the lengths (m), or vary another "
+            "dimension or mode"
         )
     made = _made(_with(given, vary, best[0]))
     found = Tuning(body=made, vary=vary, mode=f"{chosen}", before=points[0], after=best)

@@ -18,7 +18,7 @@ import numpy as np
 
 from struck.batch.job_table import MODEL, BodyJob
 from struck.batch.strike_set import struck_as
-from struck.errors import MissingDependencyError, OptionError, StruckError, counted
+from struck.errors import MissingDependencyError, OptionError, StruckError, counted, rounded
 from struck.excitation.strike import Strike
 from struck.files import model_file
 from struck.files.atomic import write_bytes
@@ -192,7 +192,9 @@ class BatchReport:
                     how += f", struck at {model.contact().place}"
                 else:
                     sound = struck_as(model, label)
-                    impulse = f"{label['impulse']:.2g} N s".replace(" ", "\N{NO-BREAK SPACE}")
+                    impulse = f"{rounded(label['impulse'], 2)} N s".replace(
+                        " ", "\N{NO-BREAK SPACE}"
+                    )
                     how = f"{label['striker'] or 'struck'}, {impulse}"
                 image = "" if drawn is None else drawn.of(f"the body of {name}", label)
                 text = html.escape(f"{name}, {row.material}: {how}")
@@ -215,7 +217,7 @@ section { overflow-x: auto; }
 
 def _cells(row: BatchRow) -> tuple[str, ...]:
     lowest = "" if row.lowest is None else f"{row.lowest:.1f}"
-    error = "" if row.error is None else f"{100 * row.error:.2g}"
+    error = "" if row.error is None else rounded(100 * row.error, 2)
     told = " ".join(part for part in (row.failure, row.message, *row.warnings) if part)
     counts = (str(row.modes) if row.model else "", lowest, error)
     return (

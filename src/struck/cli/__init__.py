@@ -25,6 +25,7 @@ from struck.errors import (
     StruckError,
     nearest,
     printable,
+    rounded,
 )
 from struck.model.provenance import TerminalProgress
 
@@ -283,7 +284,7 @@ def in_shell_words(parser: argparse.ArgumentParser, text: str) -> str:
         return f"{found[0]} (in Python)"
 
     def plain(found: re.Match[str]) -> str:
-        return ",".join(f"{float(each):g}" for each in re.split(r"[, ]+", found[1]))
+        return ",".join(rounded(float(each)) for each in re.split(r"[, ]+", found[1]))
 
     text = _ARGUMENT.sub(option, text).replace("(x, y, z)", "x,y,z")
     return re.sub(rf"(?<= )[(\[] *({_NUMBER}(?:[, ]+{_NUMBER})+),? *[)\]]", plain, text)

@@ -10,6 +10,7 @@ import numpy as np
 
 import struck
 from struck.cli import Result
+from struck.errors import rounded
 from struck.files.model_file import is_model, model_path
 from struck.model.damping import Rayleigh
 from struck.model.provenance import TerminalProgress
@@ -49,7 +50,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     if not 0.1 < (times := density / known.density) < 10:
         lines.insert(
             0,
-            f"caution: {density:g} kg/m3 is {times:.3g} times the model's density, "
+            f"caution: {density:g} kg/m3 is {rounded(times, 3)} times the model's density, "
             f"{known.density:g}: 1 g/cm3 is 1000 kg/m3",
         )
     written = {}
@@ -86,7 +87,7 @@ def _as_argument(found: Calibration) -> str:
     frequencies = found.model.natural_frequencies[found.pairing.computed]
     tangent = np.median(found.losses.law.decays(frequencies) / (np.pi * frequencies))
     law = material.damping
-    losses = f"loss_tangent={tangent:.4g}"
+    losses = f"loss_tangent={rounded(tangent, 4)}"
     if isinstance(law, Rayleigh):
         losses = f"rayleigh_mass={law.mass:.6g},rayleigh_stiffness={law.stiffness:.6g}"
     return (

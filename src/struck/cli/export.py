@@ -8,7 +8,7 @@ from pathlib import Path
 import struck
 from struck.cli import Result
 from struck.cli.options import place, refuse, same
-from struck.errors import OptionError, counted
+from struck.errors import OptionError, counted, rounded
 from struck.files.atomic import writable
 from struck.files.model_file import SHAPES
 from struck.files.sofa import CONVENTIONS
@@ -85,7 +85,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         sample_rate=rate,
         **same(options, "contacts seconds title author licence"),
     )
-    beyond = [f"{counted(lost, 'mode')} at or above {rate / 2:g} Hz left out"] * (lost > 0)
+    beyond = [f"{counted(lost, 'mode')} at or above {rounded(rate / 2)} Hz left out"] * (lost > 0)
     return Result(
         [*beyond, f"wrote {output}"],
         output=str(output),

@@ -12,7 +12,7 @@ import struck
 from struck.cli import OnOff, Result
 from struck.cli.info import described, or_null
 from struck.cli.options import PITCH, POSITION, add_cache, budget, length, numbers
-from struck.errors import OptionError
+from struck.errors import OptionError, rounded
 from struck.excitation.strike import Strike
 from struck.files.atomic import is_file, is_folder, real, writable
 from struck.files.model_file import is_model, model_path
@@ -132,7 +132,7 @@ def _result(fitting: Fitting, written: list[str], *, output: str, report: str | 
     share = float(str(fitting.model.provenance.details["explained_by_one_strike"]))
     ratio = (
         f"signal to residual {verdict.signal_to_residual:.1f} dB; one strike of the model explains "
-        f"{100 * share:.3g} % of its take's energy"
+        f"{rounded(100 * share, 3)} % of its take's energy"
     )
     caution = [] if verdict.modal else [f"caution: {verdict.reason}"]
     return described(

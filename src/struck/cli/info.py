@@ -13,6 +13,7 @@ import numpy as np
 import struck
 from struck.cli import Result
 from struck.cli.options import budget, refuse
+from struck.errors import rounded
 from struck.files.archives import PACKINGS
 from struck.files.messages import FORMATS
 from struck.model.html import HEADINGS, aligned, modes_rows
@@ -78,7 +79,7 @@ class _Place:
     def row(self) -> tuple[str, str, str]:
         """Return a row's cells as texts for a table."""
         level = "silent" if self.level is None else f"{self.level:.1f}"
-        point = ", ".join(f"{round(each, 9) + 0.0:.4g}" for each in self.point)
+        point = ", ".join(rounded(round(each, 9) + 0.0, 4) for each in self.point)
         return self.name, point or "-", level
 
 
@@ -90,8 +91,8 @@ def _parts(file: str, units: str | None) -> Result:
     largest = max((part.volume or 0.0 for part in parts), default=0.0)
     rows = [("part", "faces", "size, m", "volume, m^3", "")]
     for part in parts[:PARTS]:
-        size = " x ".join(f"{edge:.4g}" for edge in part.size)
-        volume = "open" if part.volume is None else f"{part.volume:.4g}"
+        size = " x ".join(rounded(edge, 4) for edge in part.size)
+        volume = "open" if part.volume is None else rounded(part.volume, 4)
         usual = len(parts) > 1 and part.volume == largest > 0
         taken = "taken unless --part names another" if usual else ""
         rows.append((part.name, str(part.faces), size, volume, taken))

@@ -6,6 +6,7 @@ import argparse
 
 import struck
 from struck.cli import Result
+from struck.errors import rounded
 from struck.model.html import aligned
 from struck.model.provenance import TerminalProgress
 
@@ -23,9 +24,9 @@ def run(_options: argparse.Namespace, _progress: TerminalProgress) -> Result:
         (
             name,
             f"{entry['density']:.0f}",
-            f"{entry['youngs_modulus'] / 1e9:.4g}",
-            f"{entry['poisson_ratio']:.3g}",
-            f"{entry['loss_tangent']:.2g}",
+            rounded(entry["youngs_modulus"] / 1e9, 4),
+            rounded(entry["poisson_ratio"], 3),
+            rounded(entry["loss_tangent"], 2),
             "yes" if "heard" in entry else "",
         )
         for name, entry in struck.materials().items()

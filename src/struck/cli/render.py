@@ -28,7 +28,7 @@ from struck.cli.options import (
     room,
     same,
 )
-from struck.errors import OptionError, counted
+from struck.errors import OptionError, counted, rounded
 from struck.excitation.excitation import Hold
 from struck.excitation.pluck import Pluck
 from struck.excitation.scrape import Roll, Scrape
@@ -139,7 +139,7 @@ def saved(sound: struck.Sound, factor: float) -> str:
     if not sound.peak:
         return ", silent"
     peak = f", peak at {20 * math.log10(sound.peak * factor):.1f} dB of full scale"
-    return f"{peak}, which is {1 / factor:.4g} Pa" if sound.calibrated else peak
+    return f"{peak}, which is {rounded(1 / factor, 4)} Pa" if sound.calibrated else peak
 
 
 def level(text: str) -> str | float:
@@ -184,7 +184,7 @@ def _set(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     )
     levels = [row["level_db"] for row in rows if row["level_db"] is not None]
     span = f", peaks from {min(levels):.1f} to {max(levels):.1f} dB of it" if levels else ""
-    scale = f"full scale is {rows[0]['full_scale']:.4g} {rows[0]['unit']}{span}"
+    scale = f"full scale is {rounded(rows[0]['full_scale'], 4)} {rows[0]['unit']}{span}"
     notes = [*lost, *_grouped(sounds)]
     if options.sounds in {"ogg", "mp3"}:
         notes.append(f"{options.sounds} leaves out what is not heard: levels are kept within 1 dB")
@@ -226,7 +226,7 @@ def _model(options: argparse.Namespace) -> tuple[struck.ModalModel, tuple[str, .
     if options.rate / 2 <= (lowest := model.frequencies.min(initial=np.inf)) < np.inf:
         raise OptionError(
             f"--rate {options.rate}: all modes lie at or above half of it, the lowest at "
-            f"{lowest:.4g} Hz: give a higher one, as 44100"
+            f"{rounded(lowest, 4)} Hz: give a higher one, as 44100"
         )
     return model if options.pitch is None else model.charted(pitch=options.pitch), lost
 

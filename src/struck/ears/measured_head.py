@@ -26,7 +26,7 @@ from struck.ears.heads import (
     require_rate,
 )
 from struck.ears.sphere import HEAD_RADIUS, arrival_delay, distance_gain, pressure
-from struck.errors import FileFormatError, require_choice
+from struck.errors import FileFormatError, require_choice, rounded
 from struck.files.atomic import is_file, unread
 from struck.files.sofa import Container, opened
 from struck.model.arrays import Array, Complex, Single, checked
@@ -361,8 +361,8 @@ def _delays(file: Container, shape: tuple[int, ...]) -> Array:
     delays = file.numbers("Data.Delay", (1, 2), shape[:2])
     if np.ptp(delays) > MOST_TAPS:
         raise FileFormatError(
-            f"its delays spread over {np.ptp(delays):g} samples, and {MOST_TAPS:,} are the bound: "
-            "give Data.Delay in samples"
+            f"its delays spread over {rounded(np.ptp(delays))} samples, and {MOST_TAPS:,} are the "
+            "bound: give Data.Delay in samples"
         )
     return np.broadcast_to(delays, shape[:2])
 
@@ -378,8 +378,8 @@ def _sources(file: Container, count: int) -> tuple[Array, float]:
     distance = float(np.median(distances))
     if not DISTANCES[0] <= distance <= DISTANCES[1]:
         raise FileFormatError(
-            f"its sources are {distance:g} m away, and {DISTANCES[0]:g} to {DISTANCES[1]:g} m are "
-            "read: give SourcePosition in metres"
+            f"its sources are {rounded(distance)} m away, and {DISTANCES[0]:g} to {DISTANCES[1]:g} "
+            "m are read: give SourcePosition in metres"
         )
     if np.ptp(distances) > _DISTANCE_SPREAD * distance:
         raise FileFormatError(

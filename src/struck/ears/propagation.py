@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from struck.ears.delay_lines import READ, Paths
 from struck.ears.listeners import Listener, Trajectory, axes
 from struck.ears.orientation import Centres, MovingPoint
-from struck.errors import ContactError, OptionError
+from struck.errors import ContactError, OptionError, rounded
 from struck.model.arrays import Array, Single, checked
 from struck.model.material import AIR
 from struck.model.mesh import Surface
@@ -103,8 +103,8 @@ class Sources:
         for moment, body in np.argwhere(bodies < self._least):
             if self._emitters[body].holds(places[moment], times[moment]):
                 raise ContactError(
-                    f"the listener is {bodies[moment, body]:.3g} m from the centre of body {body}, "
-                    "inside its surface: move one of them away"
+                    f"the listener is {rounded(bodies[moment, body], 3)} m from the centre of body "
+                    f"{body}, inside its surface: move one of them away"
                 )
 
     def heard_at(self, body: int, pose: Posed, time: float, points: slice) -> Array:
@@ -394,7 +394,8 @@ class Propagation:
         self._sources.require_outside(distances, places, times)
         if not distances.max() <= LONGEST_WAY:
             raise OptionError(
-                f"a body is {distances.max():.4g} m from the listener: at most {LONGEST_WAY:g} m"
+                f"a body is {rounded(distances.max(), 4)} m from the listener: at most "
+                f"{LONGEST_WAY:g} m"
             )
 
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from struck.ears.heads import minimum_phase
 from struck.ears.reverberation import Reverberation, statistical_time
-from struck.errors import MissingDependencyError, OptionError, require_choice
+from struck.errors import MissingDependencyError, OptionError, require_choice, rounded
 from struck.model.arrays import (
     Array,
     Index,
@@ -123,8 +123,8 @@ class Room:
     def __post_init__(self) -> None:
         if len(self.size) != 3 or not all(0 < edge <= _LARGEST for edge in self.size):
             raise OptionError(
-                f"a room of size {self.size}: give three lengths above 0 and at most {_LARGEST:g}, "
-                "in m, as 5, 4, 3"
+                f"a room of size {self.size}: give three lengths above 0 and at most "
+                f"{rounded(_LARGEST)}, in m, as 5, 4, 3"
             )
         if len(self.corner) != 3 or not all(map(math.isfinite, self.corner)):
             raise OptionError(f"a corner at {self.corner}: give three coordinates, m")
@@ -172,7 +172,7 @@ class Room:
         outside = ~np.all((points >= low - slack) & (points <= high + slack), axis=1)
         if outside.any():
             where, low, high = (
-                ", ".join(f"{x:.4g}" for x in each) for each in (points[outside][0], low, high)
+                ", ".join(rounded(x, 4) for x in each) for each in (points[outside][0], low, high)
             )
             raise OptionError(
                 f"the {name} at {where} m is outside the room, which reaches from {low} to {high} "

@@ -15,7 +15,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from struck.errors import OptionError, require_choice
+from struck.errors import OptionError, require_choice, rounded
 from struck.excitation.pulses import SPECTRA, Samples
 from struck.model.arrays import Array, Index, brief, checked, require_number
 from struck.model.contact import Contact, Place
@@ -240,7 +240,7 @@ def _patch(model: ModalModel, point: Array, normal: Array, radius: float) -> tup
             "no surface: leave patch= out"
         )
     if model.geometry is not None and radius > model.geometry.extent:
-        most = f"{model.geometry.extent:.3g} m, as wide as the body is"
+        most = f"{rounded(model.geometry.extent, 3)} m, as wide as the body is"
         raise OptionError(f"patch is {radius} m: give at most {most}")
     places, weights = _disc()
     axis = np.zeros(3)
@@ -379,7 +379,7 @@ def require_positive(**numbers: float | None) -> None:
     for name, value in numbers.items():
         if value is not None:
             least, most = _BOUNDS.get(name, (0.0, _LARGEST))
-            wanted = f"it must be a finite number above {least:g}"
+            wanted = f"it must be a finite number above {rounded(least)}"
             require_number(name, value, least, most, above=True, wanted=wanted)
 
 

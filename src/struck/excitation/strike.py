@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from struck.errors import OptionError, require_choice
+from struck.errors import OptionError, require_choice, rounded
 from struck.excitation.excitation import (
     Burst,
     freeze_place,
@@ -245,9 +245,10 @@ def unyielding(
         shares.append(float(np.vdot(taken, taken)) / brought)
     most, many = max(shares), sum(share > 1 for share in shares)
     told = (
-        f"{many} of {len(strikes)} strikes leave up to {most:.2g} times the striker's energy in "
-        "the modes: the body is too light to stay at rest under the blow, and would sound at least "
-        f"{10 * np.log10(max(most, 1.0)):.1f} dB softer; take a lighter or a softer striker"
+        f"{many} of {len(strikes)} strikes leave up to {rounded(most, 2)} times the striker's "
+        "energy in the modes: the body is too light to stay at rest under the blow, and would "
+        f"sound at least {10 * np.log10(max(most, 1.0)):.1f} dB softer; take a lighter or a softer "
+        "striker"
     )
     return told if many else ""
 

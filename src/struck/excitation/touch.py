@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.core import entry
-from struck.errors import ContactError, OptionError
+from struck.errors import ContactError, OptionError, rounded
 from struck.excitation.excitation import HEAVIEST, Push, drive, drive_at, drives_at
 from struck.excitation.friction import FADE, Reader, Tool, fading, limited
 from struck.excitation.texture import CHUNK
@@ -149,7 +149,7 @@ class Touching:
     ) -> Update:
         """Return the checked `Update` that `update` would follow."""
         if not 0 <= force <= HEAVIEST:
-            raise OptionError(f"force is {force}: it must lie from 0 to {HEAVIEST:g} N")
+            raise OptionError(f"force is {force}: it must lie from 0 to {rounded(HEAVIEST)} N")
         vector, load = np.asarray(velocity, np.float64), float(force)
         if vector.ndim > 1 or not np.isfinite(vector).all():
             raise OptionError(f"velocity is {velocity!r}: give a finite number or (x, y, z) in m/s")
@@ -676,7 +676,7 @@ def _column(name: str, values: ArrayLike, count: int | None, most: float = np.in
     if column.ndim != 1 or (count is not None and len(column) != count):
         raise OptionError(f"{name} have shape {column.shape}: give one for each of {count} times")
     if not (np.isfinite(column).all() and np.all(column >= 0) and np.all(column <= most)):
-        raise OptionError(f"{name} must be finite, at least 0 and at most {most:g}")
+        raise OptionError(f"{name} must be finite, at least 0 and at most {rounded(most)}")
     column.setflags(write=False)
     return column
 

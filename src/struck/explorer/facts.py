@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from struck.errors import ContactError, MaterialError, OptionError, StruckError
+from struck.errors import ContactError, MaterialError, OptionError, StruckError, rounded
 from struck.excitation.strike import Strike
 from struck.model.arrays import Array, Complex, Index
 from struck.model.contact import Place
@@ -185,7 +185,9 @@ def _law(model: ModalModel, losses: float) -> Damping:
 
 def _number(name: str, value: object, least: float, most: float) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
-        raise OptionError(f"{name} is {value!r}: it must lie from {least:g} to {most:g}")
+        raise OptionError(
+            f"{name} is {value!r}: it must lie from {rounded(least)} to {rounded(most)}"
+        )
     return float(value)
 
 

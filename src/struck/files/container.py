@@ -18,7 +18,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from struck.errors import FileFormatError, require_choice
+from struck.errors import FileFormatError, require_choice, rounded
 from struck.model.arrays import AnyArray, Array, Complex
 from struck.model.gains import Gains
 from struck.model.mesh import Mesh
@@ -322,7 +322,9 @@ def near(places: Array, name: str) -> Array:
     """Return places, m, once none has a coordinate beyond `FARTHEST`."""
     farthest = float(np.abs(places).max(initial=0.0))
     if farthest > FARTHEST:
-        raise FileFormatError(f"its {name} goes up to {farthest:g} m: at most {FARTHEST:g} m fits")
+        raise FileFormatError(
+            f"its {name} goes up to {rounded(farthest)} m: at most {rounded(FARTHEST)} m fits"
+        )
     return places
 
 
@@ -330,7 +332,9 @@ def number(value: object, name: str, least: float, most: float = np.inf) -> floa
     """Return a finite number between two bounds."""
     found = float(numbers(value, ()))
     if not least <= found <= most:
-        raise FileFormatError(f"its {name} is {found:g}: it must lie from {least:g} to {most:g}")
+        raise FileFormatError(
+            f"its {name} is {rounded(found)}: it must lie from {rounded(least)} to {rounded(most)}"
+        )
     return found
 
 

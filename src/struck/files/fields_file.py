@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.errors import FileFormatError
+from struck.errors import FileFormatError, rounded
 from struck.files.container import (
     FARTHEST,
     Arrays,
@@ -175,8 +175,8 @@ def _axis(text: Mapping[str, Any]) -> GridAxis:
     room = period or math.inf
     if not len(nodes) or np.any(np.diff(nodes) <= 0) or nodes[-1] - nodes[0] >= room:
         raise FileFormatError(
-            f"the nodes {nodes.tolist()} of an axis do not ascend within its period of {period:g}: "
-            "give at least one, and each once"
+            f"the nodes {nodes.tolist()} of an axis do not ascend within its period of "
+            f"{rounded(period)}: give at least one, and each once"
         )
     return GridAxis(nodes=nodes, period=period)
 

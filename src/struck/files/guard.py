@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.core.child_process import python_command, python_environment
-from struck.errors import MeshError, MissingDependencyError
+from struck.errors import MeshError, MissingDependencyError, rounded
 from struck.files.messages import (
     FORMATS,
     OUT_OF_MEMORY,
@@ -307,8 +307,8 @@ class Contents:
         if all(lines.all() for lines in _lines(self.parts)):
             longest = max(float(np.ptp(part.points, axis=0).max()) for part in self.parts)
             raise MeshError(
-                f"none of its {faces} faces has an area, and its longest edge is {longest:.3g}: "
-                "export the surface again"
+                f"none of its {faces} faces has an area, and its longest edge is "
+                f"{rounded(longest, 3)}: export the surface again"
             )
 
 
@@ -329,8 +329,8 @@ def _require_sound(part: Part) -> None:
     farthest = np.abs(part.points).max()
     if farthest > _FARTHEST:
         raise MeshError(
-            f"a vertex is {farthest:.3g} from the origin, and {_FARTHEST:g} can be computed with: "
-            "export it again"
+            f"a vertex is {rounded(farthest, 3)} from the origin, and {rounded(_FARTHEST)} can be "
+            "computed with: export it again"
         )
 
 

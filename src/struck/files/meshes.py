@@ -15,7 +15,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import FileFormatError, MeshError, OptionError, counted, nearest, require_choice
+from struck.errors import (
+    FileFormatError,
+    MeshError,
+    OptionError,
+    counted,
+    nearest,
+    require_choice,
+    rounded,
+)
 from struck.files.guard import read_contents, read_volume
 from struck.files.messages import READERS, ElementBlocks, Part
 from struck.model.arrays import UNITS, Array, Index, checked, numbers
@@ -503,8 +511,8 @@ def _joined(surfaces: list[Mesh]) -> Mesh:
 def _cleaned(raw: Mesh) -> Mesh:
     if not _SMALLEST < raw.extent < _LARGEST:
         raise MeshError(
-            f"its longest edge is {raw.extent:.3g}, and volumes can be computed from "
-            f"{_SMALLEST:g} to {_LARGEST:g} alone: export it again"
+            f"its longest edge is {rounded(raw.extent, 3)}, and volumes can be computed from "
+            f"{rounded(_SMALLEST)} to {rounded(_LARGEST)} alone: export it again"
         )
     return _without_lines(_welded(raw))
 
@@ -575,8 +583,8 @@ def _compact(nodes: Array, elements: Index, kind: str) -> VolumeMesh:
     farthest = np.abs(nodes[used]).max()
     if farthest > _LARGEST:
         raise MeshError(
-            f"a node is {farthest:.3g} m from the origin, and volumes can be computed within "
-            f"{_LARGEST:g} m alone: export the mesh again"
+            f"a node is {rounded(farthest, 3)} m from the origin, and volumes can be computed "
+            f"within {rounded(_LARGEST)} m alone: export the mesh again"
         )
     return VolumeMesh(nodes=nodes[used], elements=renumbered.reshape(elements.shape), kind=kind)
 

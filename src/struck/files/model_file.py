@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import FileFormatError, OptionError, StruckError, article
+from struck.errors import FileFormatError, OptionError, StruckError, article, rounded
 from struck.files.atomic import ended, is_file, read_bytes, writable, write_bytes
 from struck.files.container import (
     FARTHEST,
@@ -166,8 +166,8 @@ def _require_same_shapes(gains: ShapeGains) -> None:
                 or not -largest <= value.min(initial=0) <= value.max(initial=0) <= largest
             ):
                 raise FileFormatError(
-                    f"its formula's {each.name} is damaged, no {each.type} of at most {largest:g} "
-                    "in size: save the model again"
+                    f"its formula's {each.name} is damaged, no {each.type} of at most "
+                    f"{rounded(largest)} in size: save the model again"
                 )
     some = np.linspace(0, len(points) - 1, _COMPARED).astype(np.int64)
     with np.errstate(all="ignore"):

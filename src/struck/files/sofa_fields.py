@@ -11,7 +11,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from struck.errors import FileFormatError, LossWarning, OptionError, counted, require_choice
+from struck.errors import (
+    FileFormatError,
+    LossWarning,
+    OptionError,
+    counted,
+    require_choice,
+    rounded,
+)
 from struck.files.atomic import ended
 from struck.files.sampled_field import WAYS, Origin, SampledField
 from struck.files.sofa import (
@@ -250,8 +257,8 @@ def _length(field: SampledField, seconds: float, sample_rate: int) -> int:
     longest = MOST_VALUES // pairs / sample_rate
     if not 1 / sample_rate <= seconds <= longest:
         raise OptionError(
-            f"seconds is {seconds}: from one sample to {longest:.3g} s are written for {pairs} "
-            "pairs of contact and listener; choose fewer of them, or a lower rate"
+            f"seconds is {seconds}: from one sample to {rounded(longest, 3)} s are written for "
+            f"{pairs} pairs of contact and listener; choose fewer of them, or a lower rate"
         )
     return round(seconds * sample_rate)
 

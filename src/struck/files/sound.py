@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.errors import OptionError
+from struck.errors import OptionError, rounded
 from struck.files import wav
 from struck.files.atomic import read_bytes, write_bytes
 from struck.model.arrays import Array, checked, require_number
@@ -66,7 +66,7 @@ class Sound:
         if wrong:
             raise OptionError(
                 f"{wrong} of {samples.size} samples are not finite, or beyond the range of 32-bit "
-                f"numbers ({LARGEST:.2g}): fill the gaps, or scale the samples"
+                f"numbers ({rounded(LARGEST, 2)}): fill the gaps, or scale the samples"
             )
         if not (self.sample_rate >= 1 and float(self.sample_rate).is_integer()):
             raise OptionError(f"sample_rate is {self.sample_rate}: give a whole number of Hz")
@@ -223,7 +223,7 @@ class Sound:
     def _repr_html_(self) -> str:
         data = base64.b64encode(self.encoded(self._factor("peak"), encoding="int16")).decode()
         notes = "".join(f"<br>{html.escape(note)}" for note in self.notes)
-        unit = f"{self.peak:.3g} Pa" if self.calibrated else "relative level"
+        unit = f"{rounded(self.peak, 3)} Pa" if self.calibrated else "relative level"
         return (
             f'<audio controls src="data:audio/wav;base64,{data}"></audio><br><small>'
             f"{self.duration:.2f} s at {self.sample_rate} Hz, peak: {unit}{notes}</small>"

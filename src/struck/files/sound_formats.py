@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.errors import FileFormatError, MissingDependencyError, OptionError
+from struck.errors import FileFormatError, MissingDependencyError, OptionError, rounded
 from struck.files import wav
 from struck.files.atomic import ended
 
@@ -72,7 +72,7 @@ def encoded(recording: wav.Recording, ending: str, encoding: str) -> bytes:
         samples = np.rint(samples * full) / full
     if encoding != "float32" and peak > 1 - 2.0**-15:
         raise OptionError(
-            f"the peak is {peak:.4g} times full scale, which {name} would clip: save with "
+            f"the peak is {rounded(peak, 4)} times full scale, which {name} would clip: save with "
             "level='peak' or a higher one in Pa, or as WAV in float32"
         )
     soundfile, data = _soundfile(name), io.BytesIO()

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from struck.errors import ArgumentError, FileFormatError, OptionError, article
+from struck.errors import ArgumentError, FileFormatError, OptionError, article, rounded
 from struck.files.atomic import write_bytes
 from struck.files.sound import PEAK, Sound
 from struck.files.sound_formats import chosen, decoded
@@ -151,11 +151,14 @@ def _require_levels(
         most = _CODED if Path(file).suffix in {".ogg", ".mp3"} else _KEPT
         if abs(off) > most:
             below = 20 * np.log10(level / sound.peak)
-            change = f"change its level by {off:+.3g} dB, more than {most:g}"
+            change = (
+                f"change its level by {rounded(off, 3, sign=True)} dB, more than {rounded(most)}"
+            )
             raise OptionError(
-                f"{file} peaks {below:.1f} dB below full scale ({level:.3g} Pa), and {encoding} "
-                f"would {change if after else 'leave silence of it'}: save the set as WAV in "
-                "float32, which holds any level, or its soft and its loud sounds as two sets"
+                f"{file} peaks {below:.1f} dB below full scale ({rounded(level, 3)} Pa), and "
+                f"{encoding} would {change if after else 'leave silence of it'}: save the set as "
+                "WAV in float32, which holds any level, or its soft and its loud sounds as two "
+                "sets"
             )
 
 

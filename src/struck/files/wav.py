@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.errors import FileFormatError, OptionError, require_choice
+from struck.errors import FileFormatError, OptionError, require_choice, rounded
 
 ENCODINGS = ("float32", "int24", "int16")
 
@@ -88,7 +88,7 @@ def _pack(frames: NDArray[np.float32], encoding: str) -> bytes:
     if integers.size and not (-full <= integers.min() and integers.max() < full):
         peak = float(np.abs(frames).max())
         raise OptionError(
-            f"the peak is {peak:.4g} times full scale, which {encoding} would clip: "
+            f"the peak is {rounded(peak, 4)} times full scale, which {encoding} would clip: "
             "save with encoding='float32', or with level='peak'"
         )
     packed = np.ascontiguousarray(integers.astype("<i4"))

@@ -18,7 +18,7 @@ from struck.ears.delay_lines import between
 from struck.ears.listeners import Listener, Trajectory
 from struck.ears.orientation import MovingPoint, Orientation
 from struck.ears.propagation import STRETCH, Pose, Propagation
-from struck.errors import ContactError, OptionError
+from struck.errors import ContactError, OptionError, rounded
 from struck.live.ring import NEW_WAYS, SINCE, Record
 from struck.model.arrays import Array, Complex
 from struck.scene.body import Body, centre_of
@@ -267,13 +267,13 @@ class LiveEars:
             distance = float(np.linalg.norm(emitter.centre.at(np.array([np.inf]))[0] - place))
             if emitter.holds(place, np.inf):
                 raise ContactError(
-                    f"the listener is {distance:.3g} m from the centre of body {number}, inside "
-                    "its surface: move it away"
+                    f"the listener is {rounded(distance, 3)} m from the centre of body {number}, "
+                    "inside its surface: move it away"
                 )
             if distance > FARTHEST:
                 raise OptionError(
-                    f"the listener is {distance:.4g} m from body {number}: at most {FARTHEST:g} m "
-                    "while it is played"
+                    f"the listener is {rounded(distance, 4)} m from body {number}: at most "
+                    f"{FARTHEST:g} m while it is played"
                 )
 
     def outputs(self, body: int, toward: Callable[[Array], Complex]) -> Complex:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from struck.errors import OptionError, StruckError
+from struck.errors import OptionError, StruckError, rounded
 from struck.excitation.excitation import Changing, Push, Pushing
 from struck.excitation.pulses import Samples
 from struck.excitation.touch import Touching
@@ -229,8 +229,8 @@ def _require_sound(push: Push, last: Array | None, width: int) -> None:
     force = push.force
     if not np.abs(force).max() <= STRONGEST:  # NaN neither
         raise OptionError(
-            f"an excitation was stopped: its force reached {np.abs(force).max():g} N, and must be "
-            f"finite and at most {STRONGEST:g} N"
+            f"an excitation was stopped: its force reached {rounded(np.abs(force).max())} N, and "
+            f"must be finite and at most {rounded(STRONGEST)} N"
         )
     if push.drive is not last and not (len(push.drive) <= width and np.isfinite(push.drive).all()):
         raise OptionError(

@@ -23,7 +23,7 @@ from typing import Any, TypeVar, get_args, get_origin
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.errors import ArgumentError, OptionError, StruckError, article, nearest
+from struck.errors import ArgumentError, OptionError, StruckError, article, nearest, rounded
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -86,7 +86,9 @@ def require_numbers(
     if array.shape != shape:
         raise OptionError(f"{name}: the shape is {array.shape} and must be {shape}: make them fit")
     if least is not None and np.any(array < least):
-        raise OptionError(f"{name}: some go down to {np.nanmin(array):g}: give at least {least:g}")
+        raise OptionError(
+            f"{name}: some go down to {rounded(np.nanmin(array))}: give at least {rounded(least)}"
+        )
     if not gaps and array.dtype.kind in "fc":
         flat = array.reshape(-1)
         with np.errstate(all="ignore"):
@@ -100,8 +102,8 @@ def _refuse_beyond(name: str, array: Array) -> None:
     wrong = array[~(np.abs(array).astype(np.float64) <= _MOST)]
     if wrong.size:
         raise OptionError(
-            f"{name}: {wrong.size} of {array.size} numbers are not finite or beyond {_MOST:g}, as "
-            f"{wrong[0]}: leave those out"
+            f"{name}: {wrong.size} of {array.size} numbers are not finite or beyond "
+            f"{rounded(_MOST)}, as {wrong[0]}: leave those out"
         )
 
 
@@ -131,7 +133,7 @@ def require_number(
     if not within or number == math.inf or (whole and number % 1):
         raise error(f"{name} is {value}{unit}: {wanted}")
     if number > most:
-        raise error(f"{name} is {number:.6g}{unit}: it must be at most {most:g}")
+        raise error(f"{name} is {rounded(number)}{unit}: it must be at most {rounded(most)}")
 
 
 def require_sample_rate(sample_rate: float, *, whole: bool = False, least: float = 1.0) -> None:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import OptionError
+from struck.errors import OptionError, rounded
 from struck.model.arrays import UNITS, Array, checked, numbers
 from struck.model.mesh import Mesh
 
@@ -184,8 +184,9 @@ def _require_beside(mesh: Mesh, heights: Array) -> None:
     reach = _BEYOND * (high - low)
     if heights[0] < low - reach or heights[1] > high + reach:
         raise OptionError(
-            f"contacts lie at z from {heights[0]:.4g} to {heights[1]:.4g} m, and the geometry goes "
-            f"from {low:.4g} to {high:.4g} m: move it, give its units, or give another pitch="
+            f"contacts lie at z from {rounded(heights[0], 4)} to {rounded(heights[1], 4)} m, and "
+            f"the geometry goes from {rounded(low, 4)} to {rounded(high, 4)} m: move it, give its "
+            "units, or give another pitch="
         )
 
 

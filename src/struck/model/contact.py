@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from struck.errors import ContactError, counted, require_choice
+from struck.errors import ContactError, counted, require_choice, rounded
 from struck.model.arrays import Array, Index, numbers
 from struck.model.mesh import Mesh, Surface
 
@@ -116,8 +116,8 @@ def nearest_contacts(
     reach, off = _SNAP * mesh.extent, int(np.argmax(lengths))
     if lengths[off] > reach:
         raise ContactError(
-            f"the contact {_text(points[off])} is {lengths[off]:.3g} m off the body, more than "
-            f"{reach:.3g} m: the nearest point is {_text(nearest[off])}"
+            f"the contact {_text(points[off])} is {rounded(lengths[off], 3)} m off the body, more "
+            f"than {rounded(reach, 3)} m: the nearest point is {_text(nearest[off])}"
         )
     normals = mesh.normals_at(faces, nearest)
     if directions is None:
@@ -189,4 +189,4 @@ def _unit(vector: Array) -> Array:
 
 
 def _text(point: Array) -> str:
-    return "(" + ", ".join(f"{value:.4g}" for value in np.round(point, 9) + 0.0) + ") m"
+    return "(" + ", ".join(rounded(value, 4) for value in np.round(point, 9) + 0.0) + ") m"

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from struck.errors import rounded
 from struck.model.arrays import Array
 from struck.model.damping import NAMES
 from struck.model.picture_style import in_default_style
@@ -84,9 +85,9 @@ def modes_rows(
         (
             f"{f:.2f}",
             note(f),
-            f"{t:.3g}" if d else "endless",
-            f"{math.pi * f / d:.4g}" if d else "endless",
-            f"{100 * e:.2g}" if np.isfinite(e) else "-",
+            rounded(t, 3) if d else "endless",
+            rounded(math.pi * f / d, 4) if d else "endless",
+            rounded(100 * e, 2) if np.isfinite(e) else "-",
         )
         for f, t, d, e in zip(frequencies, t60, decays, known, strict=True)
     ]

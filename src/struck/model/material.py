@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from struck.errors import MaterialError, nearest, require_choice
+from struck.errors import MaterialError, nearest, require_choice, rounded
 from struck.model.arrays import checked, require_number
 from struck.model.damping import Damping, InternalFriction, Rayleigh
 from struck.model.provenance import table_of
@@ -169,22 +169,23 @@ class Material:
         speed = math.sqrt(modulus / self.density)
         if speed > _FASTEST:
             return (
-                f"sound goes through {self.name} at {speed:.2g} m/s by its density of "
-                f"{self.density:g} kg/m3, faster than through diamond: if that was meant in g/cm3, "
-                f"it is {1000 * self.density:g} kg/m3"
+                f"sound goes through {self.name} at {rounded(speed, 2)} m/s by its density of "
+                f"{rounded(self.density)} kg/m3, faster than through diamond: if that was meant in "
+                f"g/cm3, it is {rounded(1000 * self.density)} kg/m3"
             )
         if self.density < _LIGHTEST:  # or numbers are without units
-            light = f"{self.name} weighs {self.density:g} kg/m3, less than any solid: if that was "
-            light += f"meant in g/cm3, it is {1000 * self.density:g} kg/m3"
+            light = f"{self.name} weighs {rounded(self.density)} kg/m3, less than any solid: if "
+            light += f"that was meant in g/cm3, it is {rounded(1000 * self.density)} kg/m3"
             if 1 < modulus < _LARGEST_IN_GPA and self.density > 1:
-                return f"{light}, and {modulus:g} GPa is {modulus:g}e9"
+                return f"{light}, and {rounded(modulus)} GPa is {rounded(modulus)}e9"
             return light if modulus >= _SOFTEST else ""
         if modulus >= _SOFTEST and speed >= _SLOWEST:
             return ""
         unit, factor = ("GPa", "e9") if modulus < _LARGEST_IN_GPA else ("MPa", "e6")
         return (
-            f"Young's modulus of {self.name} is {modulus:g} Pa, so sound goes through it at "
-            f"{speed:.2g} m/s: if it was meant in {unit}, {modulus:g} {unit} is {modulus:g}{factor}"
+            f"Young's modulus of {self.name} is {rounded(modulus)} Pa, so sound goes through it at "
+            f"{rounded(speed, 2)} m/s: if it was meant in {unit}, {rounded(modulus)} {unit} is "
+            f"{rounded(modulus)}{factor}"
         )
 
 

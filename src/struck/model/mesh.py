@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import ContactError, MeshError
+from struck.errors import ContactError, MeshError, rounded
 from struck.model.arrays import Array, Index, Mask, checked
 
 if TYPE_CHECKING:
@@ -257,7 +257,8 @@ def in_space(points: ArrayLike) -> Array:
         raise ContactError(f"points have shape {array.shape}: give x, y and z of each, m")
     if not np.abs(rows).max() < _FARTHEST:  # NaN included
         raise ContactError(
-            f"a point has a coordinate that is no number below {_FARTHEST:g} m: give finite ones"
+            f"a point has a coordinate that is no number below {rounded(_FARTHEST)} m: give finite "
+            "ones"
         )
     return rows
 

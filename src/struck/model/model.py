@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import MaterialError, OptionError, ScaleWarning, counted
+from struck.errors import MaterialError, OptionError, ScaleWarning, counted, rounded
 from struck.model.arrays import Array, Index, Mask, checked, require_number, require_numbers
 from struck.model.contact import Contact, Place, located, nearest_contacts
 from struck.model.damping import Band, Damping, Each, natural_at, require_band, ringing
@@ -450,9 +450,11 @@ class ModalModel:
         """Return the number of modes, their range, the material and the mass in a line."""
         own = self.frequencies[self.of_object]
         about = [counted(len(own), "mode")]
-        about[0] += f" from {own.min():.5g} to {own.max():.5g} Hz" if len(own) else ""
+        about[0] += (
+            f" from {rounded(own.min(), 5)} to {rounded(own.max(), 5)} Hz" if len(own) else ""
+        )
         about += [] if self.material is None else [self.material.name]
-        about += [] if self.mass is None else [f"{self.mass:.3g} kg"]
+        about += [] if self.mass is None else [f"{rounded(self.mass, 3)} kg"]
         return f"<ModalModel: {', '.join(about)}>"
 
     def _repr_html_(self) -> str:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import OptionError
+from struck.errors import OptionError, rounded
 from struck.model.arrays import Array, Complex, require_numbers
 
 _SQUARE = 1e-6  # how far the axes may be from orthonormal
@@ -67,8 +67,8 @@ class Recoil:
         if not (damped and self.corners.min() > 0):
             raise OptionError(
                 f"recoil has corners {self.corners.tolist()} Hz and dampings "
-                f"{self.dampings.tolist()}: give corners above 0 and dampings from {least:g} to "
-                f"{most:g}"
+                f"{self.dampings.tolist()}: give corners above 0 and dampings from "
+                f"{rounded(least)} to {rounded(most)}"
             )
 
     def drives(self, directions: ArrayLike) -> Array:

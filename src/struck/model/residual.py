@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
-from struck.errors import OptionError
+from struck.errors import OptionError, rounded
 from struck.model.arrays import Array, brief
 from struck.model.damping import Damping
 
@@ -72,7 +72,7 @@ class Residual:
         if not (_RATES[0] <= self.sample_rate <= _RATES[1] and 0 <= self.lead <= last):
             raise OptionError(
                 f"a residual at {self.sample_rate} Hz leads by {self.lead} s: give {_RATES[0]} to "
-                f"{_RATES[1]} Hz, and no more than its {last:.4g} s"
+                f"{_RATES[1]} Hz, and no more than its {rounded(last, 4)} s"
             )
 
     def damped(self, damping: Damping) -> Residual:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from struck.errors import ContactError, OptionError, counted
+from struck.errors import ContactError, OptionError, counted, rounded
 from struck.model.arrays import Array, Complex, Index, Mask, brief, checked
 from struck.model.contact import require_recorded
 from struck.model.gains import RecordedGains
@@ -497,8 +497,8 @@ class TimbreField(RecordedGains):
         distances = np.linalg.norm(places, axis=1)
         if not len(self.listener_part.inside.places) and distances.min() < self.radius:
             raise ContactError(
-                f"a listener is {distances.min():.3g} m from the body's centre, inside its "
-                f"radius of {self.radius:.3g} m, where nothing was recorded: move it away"
+                f"a listener is {rounded(distances.min(), 3)} m from the body's centre, inside its "
+                f"radius of {rounded(self.radius, 3)} m, where nothing was recorded: move it away"
             )
         return self.listener_part.at(places)
 
@@ -565,7 +565,7 @@ def _grid_notes(
     notes, coarse = [], coarse[own[coarse]]
     around, far = azimuths_of(survey.places), np.median(np.linalg.norm(survey.places, axis=1))
     if far > _FARTHEST:
-        notes.append(f"listeners are {far:.3g} m away: give their places in m, not mm")
+        notes.append(f"listeners are {rounded(far, 3)} m away: give their places in m, not mm")
     if part.mirrored and around <= ORDER:
         taken = f"a mode of {around} or more waves around is taken for one of fewer"
         notes.append(
@@ -580,7 +580,8 @@ def _grid_notes(
         names = ", ".join(f"{each:.6g}" for each in tones)
         notes.append(
             f"the directions of {len(coarse)} of {np.count_nonzero(own)} modes are finer than "
-            f"the listeners can tell, at {names} Hz: it takes listeners {spacing:.2g} degrees apart"
+            f"the listeners can tell, at {names} Hz: it takes listeners {rounded(spacing, 2)} "
+            "degrees apart"
         )
     return tuple(notes)
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from struck.errors import ContactError, OptionError
+from struck.errors import ContactError, OptionError, rounded
 from struck.model.arrays import Array, Complex, Index, brief
 from struck.model.gains import ShapeGains, quarter_turns
 from struck.model.material import AIR
@@ -180,9 +180,10 @@ class RadiatingGains(ShapeGains):
         """Return the output at places (L, 3) near the surface, relative to the arrival: (L, M)."""
         if not self.near:
             raise ContactError(
-                f"a listener is {distances.min():.3g} m from the body's centre, and its timbre "
-                f"field reaches in to {CLOSE * self.field.radius:.3g} m: move it away, or compute "
-                "the field with near=True, which keeps the pressure on the surface as well"
+                f"a listener is {rounded(distances.min(), 3)} m from the body's centre, and its "
+                f"timbre field reaches in to {rounded(CLOSE * self.field.radius, 3)} m: move it "
+                "away, or compute the field with near=True, which keeps the pressure on the "
+                "surface as well"
             )
         nearest = min(self.surface.reach, self.radius)
         heard = self.outputs / np.maximum(distances, nearest)[:, None]
@@ -207,9 +208,9 @@ def _outside(part: SurfaceField, places: Array) -> Array:
     edge = edge_length(part.mesh)
     if distances.max() > _CUT * edge:
         raise ContactError(
-            f"a listener is {distances.max():.2g} m within the elements of the timbre field, and "
-            f"{_CUT * edge:.2g} m at most is near their surface: it is in a cavity of the body "
-            "that is closed, so move it out"
+            f"a listener is {rounded(distances.max(), 2)} m within the elements of the timbre "
+            f"field, and {rounded(_CUT * edge, 2)} m at most is near their surface: it is in a "
+            "cavity of the body that is closed, so move it out"
         )
     moved = places.copy()
     moved[within] = closest + _AWAY * edge * part.mesh.face_normals[faces]

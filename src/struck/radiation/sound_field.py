@@ -15,7 +15,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from struck.core.machine import GIB, available, thread_count
-from struck.errors import MeshError, SolverError
+from struck.errors import MeshError, SolverError, rounded
 from struck.model.arrays import Array, Index
 from struck.model.gains import Keep, ShapeGains
 from struck.model.material import AIR
@@ -176,7 +176,7 @@ def fields_of(
     counts = np.array([len(mesh.faces) for mesh in meshes], np.float64)
     needed, seconds = _require_memory(counts), plan.seconds(counts)
     together = _at_once(needed)
-    forecast = f"about {seconds:.0f} s of a processor and {together * needed / 1e9:.2g} GB"
+    forecast = f"about {seconds:.0f} s of a processor and {rounded(together * needed / 1e9, 2)} GB"
     progress(f"{FORECAST}timbre field, {forecast}", 0.0)
     done, every = 0, sum(len(modes) for modes in plan.meshed)
     parts = []

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from struck.errors import OptionError
+from struck.errors import OptionError, rounded
 from struck.model.arrays import Array, Complex, Index
 from struck.model.exponentials import Exponentials
 from struck.perception.auditory_scale import bark, threshold_in_quiet
@@ -353,7 +353,7 @@ def _channels(samples: Array, name: str, shortest: int, sample_rate: float) -> A
     if not shortest <= count <= LONGEST * sample_rate:
         raise OptionError(
             f"{name} has {count} samples: give {shortest} to {LONGEST * sample_rate:.0f}, "
-            f"{shortest / sample_rate:.2g} to {LONGEST:g} s"
+            f"{rounded(shortest / sample_rate, 2)} to {LONGEST:g} s"
         )
     return channels
 

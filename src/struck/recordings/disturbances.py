@@ -21,6 +21,7 @@ import numpy as np
 from scipy.linalg import solveh_banded
 from scipy.ndimage import maximum_filter1d, median_filter
 
+from struck.errors import rounded
 from struck.model.arrays import AnyComplex, Array, Mask
 from struck.model.exponentials import Exponentials
 from struck.recordings.takes import Take, left_out
@@ -173,8 +174,8 @@ def processed(take: Take) -> Iterator[str]:
     offset = float(np.abs(heard.mean(axis=1)).max() / max(np.abs(heard).max(), 1e-300))
     if offset > _OFFSET:
         yield (
-            f"{take.name} has a constant offset of {100 * offset:.2g} % of its peak: no mode is "
-            "fitted to it; look at the converter or the cable"
+            f"{take.name} has a constant offset of {rounded(100 * offset, 2)} % of its peak: no "
+            "mode is fitted to it; look at the converter or the cable"
         )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from struck.analysis.cached_steps import Stages, fingerprint, holding
-from struck.errors import OptionError, RecordingError, counted, require_choice
+from struck.errors import OptionError, RecordingError, counted, require_choice, rounded
 from struck.files.atomic import is_file, is_folder
 from struck.files.cache import opened
 from struck.files.sampled_field import WAYS
@@ -219,7 +219,7 @@ def without_blow(model: ModalModel, blow: Strike, lead: float = 0.0) -> ModalMod
     note = (
         f"{len(lost)} of {np.count_nonzero(own)} modes, the lowest at "
         f"{lost.min(initial=np.inf):.6g} Hz, were hardly driven by a blow of "
-        f"{struck.duration:.3g} s: forces drive them too softly"
+        f"{rounded(struck.duration, 3)} s: forces drive them too softly"
     )
     return replace(
         model,
@@ -287,15 +287,15 @@ def _with_room_note(fitted: Fitted, seconds: float | None, *, measured: bool) ->
     notes = list(fitted.notes)
     if measured and crowd.any():
         notes.append(
-            f"{crowd.sum()} modes that die away as fast as the room, T60 {seconds:.2g} s, and "
-            "hardly stand out of what else sounds there, left out of the model as its own"
+            f"{crowd.sum()} modes that die away as fast as the room, T60 {rounded(seconds, 2)} s, "
+            "and hardly stand out of what else sounds there, left out of the model as its own"
         )
         fitted, fast = fitted.of(~crowd), fast[~crowd]
     if fast.any():
         notes.append(
             f"{fast.sum()} of {len(fast)} modes die away nearly as fast as the room, T60 "
-            f"{seconds:.2g} s, or faster: they may be its own; those that stay when the object is "
-            "moved are not"
+            f"{rounded(seconds, 2)} s, or faster: they may be its own; those that stay when the "
+            "object is moved are not"
         )
     return replace(fitted, notes=tuple(notes))
 

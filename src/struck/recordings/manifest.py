@@ -16,7 +16,14 @@ from typing import Any, TypeGuard
 
 import numpy as np
 
-from struck.errors import FileFormatError, OptionError, RecordingError, counted, require_choice
+from struck.errors import (
+    FileFormatError,
+    OptionError,
+    RecordingError,
+    counted,
+    require_choice,
+    rounded,
+)
 from struck.files.atomic import is_file, read_bytes, real
 from struck.model.arrays import Array, Index, checked
 from struck.model.survey import SYMMETRIES, from_spherical
@@ -358,7 +365,7 @@ class TomlTable:
         """Return a whole number from `low` to `high`."""
         found = float(self.number(key, low, high, default))
         if not found.is_integer():
-            raise self.error(f"{key} is {found:g}: give a whole number from {low} to {high}")
+            raise self.error(f"{key} is {rounded(found)}: give a whole number from {low} to {high}")
         return int(found)
 
     def text(self, key: str, default: str | None = None) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import solve, solve_toeplitz
 from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 
-from struck.errors import counted
+from struck.errors import counted, rounded
 from struck.model.arrays import Array, Index, Mask
 from struck.perception.auditory_scale import erb_number
 from struck.recordings.disturbances import processed
@@ -351,7 +351,7 @@ def _short(take: Take, hits: Sequence[Hit]) -> Iterator[str]:
     ]
     if seconds < _SOON and energies[1] > 10 ** (-_FALLEN / 10) * energies[0]:
         yield (
-            f"{take.name} holds {seconds:.2g} s after a hit at most: tones nearer than "
+            f"{take.name} holds {rounded(seconds, 2)} s after a hit at most: tones nearer than "
             f"{1 / seconds:.0f} Hz count as one, and what rings for longer is hardly known; record "
             "a second or more"
         )

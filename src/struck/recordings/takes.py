@@ -16,6 +16,7 @@ from struck.errors import (
     OptionError,
     RecordingError,
     require_choice,
+    rounded,
 )
 from struck.files import wav
 from struck.files.atomic import is_file, is_folder, read_bytes, real
@@ -116,8 +117,8 @@ def require_one_rate(takes: list[Take]) -> None:
 def _require_brief(values: float, name: str) -> None:
     if values > _MOST:
         raise RecordingError(
-            f"{name} holds {values / 1e6:.0f} million values, and at most {_MOST / 1e6:g} million "
-            "are fitted, 11 minutes of one channel: cut its hits out of it"
+            f"{name} holds {values / 1e6:.0f} million values, and at most {rounded(_MOST / 1e6)} "
+            "million are fitted, 11 minutes of one channel: cut its hits out of it"
         )
 
 
@@ -130,8 +131,9 @@ def _require_sound(samples: Array, sample_rate: float, name: str) -> None:
         raise RecordingError(f"{name} has shape {samples.shape}: give (channels, n) samples")
     if samples.shape[1] < _SHORTEST * sample_rate:
         raise RecordingError(
-            f"{name} holds {samples.shape[1]} samples, {samples.shape[1] / sample_rate:.3g} s: "
-            f"give {_SHORTEST} s or more, better a second"
+            f"{name} holds {samples.shape[1]} samples, "
+            f"{rounded(samples.shape[1] / sample_rate, 3)} s: give {_SHORTEST} s or more, better a "
+            "second"
         )
     wrong = np.count_nonzero(~np.isfinite(samples))
     if wrong:

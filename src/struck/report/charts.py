@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from struck.errors import counted
+from struck.errors import counted, rounded
 from struck.files.atomic import require_ending, write_bytes
 from struck.files.sound import Sound
 from struck.model.arrays import Array, checked
@@ -182,24 +182,14 @@ def decibels(power: Array) -> Array:
     return 10 * np.log10(np.maximum(power / max(power.max(), 1e-300), 1e-20))
 
 
-def significant(value: float, digits: int = 2) -> str:
-    """Return a number with some significant digits and without an exponent, as 170, not 1.7e+02."""
-    if not value or not np.isfinite(value):
-        return f"{value:g}"
-    places = digits - 1 - int(np.floor(np.log10(abs(value))))
-    rounded = round(float(value), places)
-    text = f"{rounded:.{max(places, 0)}f}"
-    return text.rstrip("0").rstrip(".") if "." in text else text
-
-
 def quantity(value: float, unit: str, digits: int = 2) -> str:
     """Return a number with its unit, whose prefix keeps it between 1 and 1000, as "170 µm"."""
-    rounded = float(f"{value:.{digits - 1}e}")
-    if not rounded:
+    number = float(f"{value:.{digits - 1}e}")
+    if not number:
         return f"0 {unit}"
-    fitting = (each for each, factor in _PREFIXES.items() if abs(rounded) >= factor)
+    fitting = (each for each, factor in _PREFIXES.items() if abs(number) >= factor)
     prefix = next(fitting, "n")
-    return f"{significant(rounded / _PREFIXES[prefix], digits)} {prefix}{unit}"
+    return f"{rounded(number / _PREFIXES[prefix], digits)} {prefix}{unit}"
 
 
 def plain(text: str) -> str:
@@ -225,7 +215,7 @@ def _draw_modes(
     shapes = [gains.shapes[:, :, mode].astype(np.float64) for mode in modes]
     titles = [f"{mode + 1}:  {hertz(model.frequencies[mode])}" for mode in modes]
     times = [np.log(1000) / decay if decay else None for decay in model.decays[modes]]
-    captions = [f"T60 {significant(time)} s" if time else "undamped" for time in times]
+    captions = [f"T60 {rounded(time, 2)} s" if time else "undamped" for time in times]
     painter.paint_modes(figure, shapes, titles, captions)
 
 
@@ -309,14 +299,11 @@ def hertz(frequency: float) -> str:
 def _dimensions(gains: ShapeGains) -> str:
     size = np.ptp(gains.surface.bounds, axis=0)
     unit, factor = ("mm", 1e3) if size.max() < 1 else ("m", 1.0)
-    return (
-        " \N{MULTIPLICATION SIGN} ".join(significant(edge * factor, 3) for edge in size)
-        + f" {unit}"
-    )
+    return " \N{MULTIPLICATION SIGN} ".join(rounded(edge * factor, 3) for edge in size) + f" {unit}"
 
 
 def description(model: ModalModel) -> str:
     """Return the material and the mass of a body, for a picture's title."""
     name = "" if model.material is None else model.material.name
-    mass = "" if model.mass is None else f"{significant(model.mass, 3)} kg"
+    mass = "" if model.mass is None else f"{rounded(model.mass, 3)} kg"
     return ", ".join(part for part in (name, mass) if part)

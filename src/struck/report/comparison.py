@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.ears.listeners import position_of
-from struck.errors import ContactError, OptionError, RecordingError, counted
+from struck.errors import ContactError, OptionError, RecordingError, counted, rounded
 from struck.excitation.strike import Strike
 from struck.files import model_file
 from struck.files.atomic import require_ending, write_bytes
@@ -174,8 +174,8 @@ class Comparison:
             _texts(mine.frequencies[self.pairing.computed], ".2f"),
             _texts(theirs.frequencies[self.pairing.fitted], ".2f"),
             _texts(self.cents, "+.2f"),
-            _texts(_t60(mine.decays[self.pairing.computed]), ".3g"),
-            _texts(_t60(theirs.decays[self.pairing.fitted]), ".3g"),
+            _t60_texts(mine.decays[self.pairing.computed]),
+            _t60_texts(theirs.decays[self.pairing.fitted]),
             _texts(100 * (self.decay_ratios - 1), "+.1f"),
             _texts(self.level_differences, "+.1f"),
             _texts(100 * self.pairing.confidence, ".0f"),
@@ -304,11 +304,16 @@ def _spread(values: Array, unit: str) -> str:
     low, middle, high = np.round(np.quantile(known, [0.1, 0.5, 0.9]), 3) + 0.0
     if not (low or high):
         return f"less than 0.001 {unit}"
-    return f"{middle:+.3g} {unit} in the median, most by {low:+.3g} to {high:+.3g} {unit}"
+    median, lowest, highest = (rounded(each, 3, sign=True) for each in (middle, low, high))
+    return f"{median} {unit} in the median, most by {lowest} to {highest} {unit}"
 
 
 def _t60(decays: Array) -> Array:
     return np.log(1000) / np.where(decays > 0, decays, np.nan)
+
+
+def _t60_texts(decays: Array) -> Sequence[str]:
+    return [rounded(time, 3) if np.isfinite(time) else "-" for time in _t60(decays)]
 
 
 def _texts(values: Array, form: str) -> Sequence[str]:
@@ -482,10 +487,10 @@ def _struck_at(model: ModalModel, strike: Strike) -> str:
     contact = model.contact(strike.at, strike.direction)
     blow = strike.resolved(model, contact)
     units = "" if model.recorded else " m"
-    place = ", ".join(f"{value:.4g}" for value in np.round(contact.point, 9) + 0.0)
+    place = ", ".join(f"{rounded(value, 4)}" for value in np.round(contact.point, 9) + 0.0)
     known = f"{contact.name} ({place}){units}" if place else "its one place"
-    force = f"{blow.impulse:.3g} {'N s' if model.calibrated else 'of the recorded blow'}"
-    during = f" in {1000 * blow.duration:.3g} ms" if blow.duration else ""
+    force = f"{rounded(blow.impulse, 3)} {'N s' if model.calibrated else 'of the recorded blow'}"
+    during = f" in {rounded(1000 * blow.duration, 3)} ms" if blow.duration else ""
     return f"struck at {known.strip()} by {force}{during}"
 
 

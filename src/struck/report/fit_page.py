@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from struck.errors import counted
+from struck.errors import counted, rounded
 from struck.files import wav
 from struck.files.atomic import require_ending, write_bytes
 from struck.files.sound import PEAK
@@ -121,7 +121,9 @@ def _summary(fitting: Fitting) -> str:
     own = ~(fitted.blow | fitted.vague)
     verdict, *meaning = verdict_lines(fitted.verdict, len(own))
     share = one_strike(fitted)
-    meaning.append(f"One strike of the model explains {100 * share:.3g} % of its take's energy.")
+    meaning.append(
+        f"One strike of the model explains {rounded(100 * share, 3)} % of its take's energy."
+    )
     known = own if own.any() else ~own
     lines = [*meaning, modes_line(model.frequencies[known], model.decays[known])]
     lines.append(_made_of(fitting))
@@ -332,7 +334,7 @@ def modes_line(frequencies: Array, decays: Array) -> str:
     low, high = frequencies.min(), frequencies.max()
     return (
         f"{counted(count, 'mode')} from {low:.1f} to {high:.1f} Hz, which fall by 60 dB in "
-        f"{times.min():.2g} to {times.max():.2g} s."
+        f"{rounded(times.min(), 2)} to {rounded(times.max(), 2)} s."
     )
 
 

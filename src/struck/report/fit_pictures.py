@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from struck.errors import rounded
 from struck.files.sound import Sound
 from struck.model.arrays import Array, Mask
 from struck.model.picture_style import in_default_style
@@ -347,7 +348,7 @@ def named(places: Array) -> list[str]:
     """Return coordinates (n, D) as text, with rounding errors about zero written as 0."""
     step = max(float(np.abs(places).max()), 1e-300) * _SAME
     tidy = np.round(places / step) * step + 0.0
-    return [", ".join(f"{value:.3g}" for value in place) for place in tidy]
+    return [", ".join(rounded(value, 3) for value in place) for place in tidy]
 
 
 def _label_modes(axes: Axes, frequencies: Array, unmeasured: Mask) -> None:

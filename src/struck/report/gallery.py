@@ -15,7 +15,7 @@ import numpy as np
 from struck.analysis.analysis import BAND, analyze
 from struck.analysis.discretisation import Solid
 from struck.analysis.source_options import applicable
-from struck.errors import FileFormatError, counted, require_choice
+from struck.errors import FileFormatError, counted, require_choice, rounded
 from struck.excitation.excitation import Hold
 from struck.excitation.pluck import Pluck
 from struck.excitation.roughness import Profile, Roughness
@@ -125,7 +125,7 @@ def _origin(model: ModalModel) -> str:
     if not len(model.decays):
         return f"By {way}: it has no mode that is heard, and sounds by its recoil alone."
     longest = float(np.log(1000) / model.decays.min())
-    return f"Modes by {way}; {losses}: the slowest takes {longest:.2g} s to fall by 60 dB."
+    return f"Modes by {way}; {losses}: the slowest takes {rounded(longest, 2)} s to fall by 60 dB."
 
 
 # A drum that somebody struck, and the model of it.

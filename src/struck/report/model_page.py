@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from struck.errors import counted
+from struck.errors import counted, rounded
 from struck.files.sound import Sound
 from struck.model.gains import ExpandedGains, ShapeGains
 from struck.model.html import document, modes_table, picture
@@ -56,24 +56,29 @@ def summary(model: ModalModel, *, whole: bool = True) -> list[str]:
         lines.append(f"vague     {others}, known to 30 % at best")
     if model.recoil is not None:
         times = 1e3 / (2 * np.pi * model.recoil.corners * model.recoil.dampings)
-        lines.append(f"recoil    of the body as a whole, over within some {7 * times.max():.2g} ms")
+        lines.append(
+            f"recoil    of the body as a whole, over within some {rounded(7 * times.max(), 2)} ms"
+        )
     if (rest := model.residual) is not None:
         seconds, size = len(rest.attack) / rest.sample_rate, rest.size / 1000
-        lines.append(f"residual  attack of {seconds:.2g} s, and noise after it: {size:.0f} kB")
+        lines.append(
+            f"residual  attack of {rounded(seconds, 2)} s, and noise after it: {size:.0f} kB"
+        )
     if model.errors is not None and np.isfinite(model.errors[own]).any():
         middle, worst = 100 * np.nanmedian(model.errors[own]), 100 * np.nanmax(model.errors[own])
-        lines.append(f"errors    frequencies: half within {middle:.2g} %, all within {worst:.2g} %")
+        half, most = rounded(middle, 2), rounded(worst, 2)
+        lines.append(f"errors    frequencies: half within {half} %, all within {most} %")
     if material is not None:
         kind, _, values = repr(material.damping).rstrip(")").partition("(")
         kind = re.sub("(?<=[a-z])(?=[A-Z])", " ", kind).lower()
         lines.append(
             f"material  {material.name}: {material.density:g} kg/m3, "
-            f"E = {material.youngs_modulus / 1e9:g} GPa, Poisson {material.poisson_ratio:g}, "
-            f"{kind} of {values.replace('_', ' ').replace('=', ' ')}"
+            f"E = {rounded(material.youngs_modulus / 1e9)} GPa, Poisson "
+            f"{material.poisson_ratio:g}, {kind} of {values.replace('_', ' ').replace('=', ' ')}"
         )
-    lines += [] if model.mass is None else [f"mass      {model.mass:.4g} kg"]
+    lines += [] if model.mass is None else [f"mass      {rounded(model.mass, 4)} kg"]
     if model.geometry is not None:
-        size = " x ".join(f"{edge:.4g}" for edge in np.ptp(model.geometry.bounds, axis=0))
+        size = " x ".join(rounded(edge, 4) for edge in np.ptp(model.geometry.bounds, axis=0))
         up = model.provenance.details.get("up", model.geometry.up)
         other = "; another by up= when it is analyzed" if "," in str(up) else ""
         lines += [f"size      {size} m", f"up        {up}: it says where top is{other}"]
@@ -101,11 +106,11 @@ def _lost_to_air(model: ModalModel) -> list[str]:
         return []
     own, first = model.decays[more[0]], model.frequencies[more[0]]
     both = np.log(1000) / (own + decays[more[0]])
-    alone = f"{np.log(1000) / own:.2g} s" if own else "endless"
+    alone = f"{rounded(np.log(1000) / own, 2)} s" if own else "endless"
     told = (
         f"T60 leaves out what the sound itself takes: {len(more)} of {counted(len(decays), 'mode')}"
     )
-    example = f"{first:.0f} Hz ({both:.2g} s in place of {alone})"
+    example = f"{first:.0f} Hz ({rounded(both, 2)} s in place of {alone})"
     return [f"air       {told} lose more by that, as {example}"]
 
 
@@ -154,8 +159,8 @@ def _field(model: ModalModel, field: TimbreField) -> list[str]:
     if errors.size:
         lines.append(
             f"rank      gains are products of contact and listener to "
-            f"{100 * np.median(errors):.2g} % in half of the modes, to "
-            f"{100 * errors.max():.2g} % in all"
+            f"{rounded(100 * np.median(errors), 2)} % in half of the modes, to "
+            f"{rounded(100 * errors.max(), 2)} % in all"
         )
     return lines + [f"note      {note}" for note in field.notes]
 
@@ -164,7 +169,7 @@ def _over(model: ModalModel, ranges: Sequence[tuple[float, float]]) -> str:
     """Return the ranges of the coordinates of contacts, in words."""
     names = model.coordinates
     said = [
-        f"{name} from {low:.4g} to {high:.4g}"
+        f"{name} from {rounded(low, 4)} to {rounded(high, 4)}"
         for name, (low, high) in zip(names, ranges, strict=False)
     ]
     said += [f"{name} all around" for name in names[len(ranges) :]]

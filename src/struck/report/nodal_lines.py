@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from struck.errors import rounded
 from struck.model.arrays import Array, Index, Mask
 from struck.model.gains import ShapeGains
 from struck.model.mesh import Mesh
-from struck.report.charts import FAINT, INK, chart, hertz, significant
+from struck.report.charts import FAINT, INK, chart, hertz
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -144,7 +145,7 @@ def draw_nodal_lines(gains: ShapeGains, frequencies: Array, title: str) -> Figur
         margin = _MARGIN * float((high - low).max())
         axes.set(xlim=(low[0] - margin, high[0] + margin), aspect="equal")
         axes.set(ylim=(low[1] - margin, high[1] + margin))
-    size = significant(1e3 * float((high - low)[0]), 3)
+    size = rounded(1e3 * float((high - low)[0]), 3)
     figure.text(0.01, 0.005, f"width {size} mm", fontsize=8, color=FAINT)
     return figure
 

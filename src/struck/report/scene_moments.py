@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from struck.errors import rounded
 from struck.model.arrays import Array
 from struck.scene.animation import course_of
 from struck.scene.body import Body, centre_of, radius_of
@@ -103,7 +104,7 @@ def _hit(events: Events, bodies: Sequence[Body], row: int) -> str:
     if _speed(bodies[pair[1]], time) > _speed(bodies[pair[0]], time):
         pair.reverse()
     approach = float(impacts.approach[row])
-    speed = f", {approach:.2g} m/s" if np.isfinite(approach) and approach > 0 else ""
+    speed = f", {rounded(approach, 2)} m/s" if np.isfinite(approach) and approach > 0 else ""
     return _shortened(f"{names[pair[0]]} hits {names[pair[1]]}{speed}")
 
 

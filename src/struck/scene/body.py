@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from struck.ears.listeners import Course3, Trajectory
 from struck.ears.orientation import MovingPoint, Orientation, Turning
 from struck.ears.propagation import Emitter, aside
-from struck.errors import MeshError, OptionError, ScaleWarning, article
+from struck.errors import MeshError, OptionError, ScaleWarning, article, rounded
 from struck.excitation.excitation import Excitation, Hold
 from struck.model.arrays import Array, checked, require_number, require_numbers
 from struck.model.gains import ShapeGains
@@ -83,8 +83,8 @@ class RigidBody:
                 object.__setattr__(self, name, array)
         if self.geometry is not None and self.geometry.volume < 0:
             raise MeshError(
-                f"its surface encloses {self.geometry.volume:.3g} m^3: it is inside out; turn its "
-                "faces round"
+                f"its surface encloses {rounded(self.geometry.volume, 3)} m^3: it is inside out; "
+                "turn its faces round"
             )
         if self.mass is not None and not 0 < self.mass < np.inf:
             raise OptionError(f"mass is {self.mass} kg: it must exceed 0; None does not give way")
@@ -392,8 +392,8 @@ def doubts(bodies: Sequence[Body], seconds: float | None) -> tuple[str, ...]:
     pushed = max(map(_pushed, bodies), default=0.0)
     if pushed > _PLAUSIBLE_SPEED:
         warnings.warn(
-            f"an impulse moves its body at {pushed:.3g} m/s, above {_PLAUSIBLE_SPEED:g} m/s: "
-            "impulses are given in N s, forces times the step dt",
+            f"an impulse moves its body at {rounded(pushed, 3)} m/s, above {_PLAUSIBLE_SPEED:g} "
+            "m/s: impulses are given in N s, forces times the step dt",
             ScaleWarning,
             stacklevel=4,
         )
@@ -438,7 +438,8 @@ def long_contacts(bodies: Sequence[Body], seconds: float | None) -> tuple[str, .
                 hint = "give a higher speed=, in m/s, or a lighter striker"
             elif seconds is not None:
                 hint = f"did you mean duration={lasts / 1000:g}, in s?"
-            note = f"a strike pushes for {lasts:.3g} s, and blows last at most {_LONGEST_BLOW:g} s"
+            pushes = f"a strike pushes for {rounded(lasts, 3)} s"
+            note = f"{pushes}, and blows last at most {_LONGEST_BLOW:g} s"
             notes[f"{note}: {hint}"] = None
     return tuple(notes)
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import OptionError, counted
+from struck.errors import OptionError, counted, rounded
 from struck.model.arrays import AnyArray, Array, Index, Mask, checked, numbers
 
 _LONGEST_STEP = 1.0  # s, that one row may last
@@ -284,7 +284,8 @@ def _column(
         rows = np.flatnonzero(wrong.reshape(len(column), -1).any(axis=1))
         raise OptionError(
             f"{name} is {column[rows[0]]} in row {rows[0]}, and {len(rows) - 1} others are not "
-            f"finite or beyond {most:g} either: leave those out, or end the simulation before"
+            f"finite or beyond {rounded(most)} either: leave those out, or end the simulation "
+            "before"
         )
     return column
 
@@ -314,7 +315,7 @@ def _quaternions(values: Array, count: int) -> Array:
     if len(wrong):
         raise OptionError(
             f"rotation is {rotations[wrong[0]]} in row {wrong[0]}, whose length is "
-            f"{lengths[wrong[0], 0]:.4g}: give unit quaternions (w, x, y, z)"
+            f"{rounded(lengths[wrong[0], 0], 4)}: give unit quaternions (w, x, y, z)"
         )
     return rotations / lengths
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from struck.errors import OptionError
+from struck.errors import OptionError, rounded
 from struck.model.arrays import Array, require_number
 
 FADE = 0.01  # s, by default; below 20 ms a fade is heard as an end, not as a decay
@@ -60,8 +60,8 @@ def level_note(samples: Array) -> tuple[str, ...]:
         return ("it is silent: every sample is 0",)
     level = 20 * np.log10(peak / (np.sqrt(2) * _REFERENCE))
     note = (
-        f"it is too soft to be heard: its peak at the listener is {peak:.2g} Pa, that of a tone of "
-        f"{level:.0f} dB SPL, and files saved at their peak level do not show that: strike harder "
-        "or faster, with a harder striker, or come nearer"
+        f"it is too soft to be heard: its peak at the listener is {rounded(peak, 2)} Pa, that of a "
+        f"tone of {level:.0f} dB SPL, and files saved at their peak level do not show that: strike "
+        "harder or faster, with a harder striker, or come nearer"
     )
     return (note,)

@@ -18,7 +18,7 @@ from functools import cached_property
 
 import numpy as np
 
-from struck.errors import ContactError, OptionError, counted, require_choice
+from struck.errors import ContactError, OptionError, counted, require_choice, rounded
 from struck.excitation.hertz import CONTACT_CONSTANT, contact_modulus
 from struck.excitation.pulses import SOFTNESS
 from struck.excitation.strike import Strike
@@ -326,8 +326,9 @@ def _unposed(contacts: Contacts) -> Sequence[str]:
         missed = int(np.count_nonzero(np.maximum(late, early) > gap))
         if missed:
             notes.append(
-                f"{counted(missed, 'contact')} of {name!r} in gaps of over {1e3 * gap:.3g} ms "
-                "between its poses, where it moves evenly, or beyond them, where it stands still"
+                f"{counted(missed, 'contact')} of {name!r} in gaps of over {rounded(1e3 * gap, 3)} "
+                "ms between its poses, where it moves evenly, or beyond them, where it stands "
+                "still"
             )
     return notes
 
@@ -482,15 +483,16 @@ def onto_surface(name: str, model: ModalModel, points: Array) -> tuple[Array, Se
     distances, _, nearest = model.gains.locator.closest(points)
     if np.median(distances) > mesh.extent:
         raise ContactError(
-            f"contacts of {name!r} are {np.median(distances):.3g} m off its surface, and it is "
-            f"{mesh.extent:.3g} m large: look at the units of the log, and at the body's pose"
+            f"contacts of {name!r} are {rounded(np.median(distances), 3)} m off its surface, and "
+            f"it is {rounded(mesh.extent, 3)} m large: look at the units of the log, and at the "
+            "body's pose"
         )
     far = np.count_nonzero(distances > _OFF * mesh.extent)
     if not far:
         return nearest, ()
     note = (
-        f"{far} of {len(points)} contacts of {name!r} lay up to {distances.max():.2g} m off its "
-        "surface and were moved onto it"
+        f"{far} of {len(points)} contacts of {name!r} lay up to {rounded(distances.max(), 2)} m "
+        "off its surface and were moved onto it"
     )
     return nearest, (note,)
 

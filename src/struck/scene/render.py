@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from struck.ears.listeners import Listener, Mono, Trajectory, is_listener, position_of
 from struck.ears.propagation import Pose
-from struck.errors import OptionError, counted
+from struck.errors import OptionError, counted, rounded
 from struck.excitation.excitation import Burst, Excitation, Hold, Push, Pushing
 from struck.excitation.pulses import Samples
 from struck.excitation.strike import Strike, after_attack, residual_of, unyielding
@@ -121,8 +121,8 @@ def render(
     samples = np.atleast_2d(samples)
     if (peak := float(np.abs(samples).max(initial=0.0))) > LARGEST:
         raise OptionError(
-            f"the sound would reach {peak:.3g}{' Pa' if calibrated else ''}, and its samples hold "
-            f"at most {LARGEST:.2g}: give a smaller impulse, speed or force"
+            f"the sound would reach {rounded(peak, 3)}{' Pa' if calibrated else ''}, and its "
+            f"samples hold at most {rounded(LARGEST, 2)}: give a smaller impulse, speed or force"
         )
     require_fade(fade, samples.shape[1] / sample_rate)
     if fade != 0 and is_cut_off(samples, sample_rate):
@@ -218,7 +218,9 @@ def _outrun(ears: Listener) -> tuple[str, ...]:
     course = Trajectory.of("position", (0, 0, 0) if ears.position is None else ears.position)
     ways = np.linalg.norm(np.diff(course.points, axis=0), axis=1)
     fastest = np.max(ways / np.diff(course.times), initial=0.0)
-    told = f"the listener moves at up to {fastest:.4g} m/s, and sound at {AIR.sound_speed:g}"
+    told = (
+        f"the listener moves at up to {rounded(fastest, 4)} m/s, and sound at {AIR.sound_speed:g}"
+    )
     note = f"{told}: what it outruns is not heard; places are given in m, times in s"
     return (note,) if fastest > AIR.sound_speed else ()
 
@@ -238,8 +240,8 @@ def require_length(seconds: float | None, sample_rate: int) -> None:
     require_number("sample_rate", sample_rate, 1, _HIGHEST_RATE, whole=True, wanted=wanted)
     if seconds is not None and seconds * sample_rate > _MOST_SAMPLES:
         raise OptionError(
-            f"{seconds} s at {sample_rate} Hz are {seconds * sample_rate:.3g} samples, more than "
-            f"{_MOST_SAMPLES:.3g}: lower the sample rate, or render parts"
+            f"{seconds} s at {sample_rate} Hz are {rounded(seconds * sample_rate, 3)} samples, "
+            f"more than {rounded(_MOST_SAMPLES, 3)}: lower the sample rate, or render parts"
         )
 
 
@@ -311,7 +313,11 @@ def _pulses(
     ]
     moved = max(contact.distance for contact in contacts)
     extent = 0.0 if model.geometry is None else model.geometry.extent
-    told = f"a contact was moved {moved:.2g} m to the surface" if moved > _MOVED * extent else ""
+    told = (
+        f"a contact was moved {rounded(moved, 2)} m to the surface"
+        if moved > _MOVED * extent
+        else ""
+    )
     still, rich = "", ""
     if isinstance(model.gains, ShapeGains):
         rich = unyielding(strikes, pushes, contacts, model, drives[:, 0])
@@ -329,7 +335,7 @@ def _unmoved(gains: ShapeGains, contacts: Sequence[Contact], heard: Complex, at:
     if not (len(still) and loudest):
         return ""
     first = contacts[still[0]]
-    place, way = (", ".join(f"{x:.3g}" for x in each) for each in (first.point, first.direction))
+    place, way = (", ".join(rounded(x, 3) for x in each) for each in (first.point, first.direction))
     told = f"{len(still)} of {len(contacts)} strikes, as that at ({place}) along ({way}), move"
     return f"{told} no mode of the body: it is held or at rest there, or moves only across"
 
@@ -410,7 +416,11 @@ def _left_out(model: ModalModel, sample_rate: int) -> tuple[str, ...]:
 
 def _hertz(frequency: float) -> str:
     """Return a frequency as "20 kHz" or "800 Hz"."""
-    return f"{frequency / 1000:.4g} kHz" if frequency >= 1000 else f"{frequency:.4g} Hz"
+    return (
+        f"{rounded(frequency / 1000, 4)} kHz"
+        if frequency >= 1000
+        else f"{rounded(frequency, 4)} Hz"
+    )
 
 
 # All other pushes, and holds: block after block through resonators.
@@ -626,7 +636,7 @@ def _mixed(
     told: tuple[str, ...] = ()
     if listener.position is None and (room is not None or len(pose.ear_points) > 1):
         place = ", ".join(
-            f"{round(each, 6) + 0.0:.3g}" for each in pose.position.at(np.zeros(1))[0]
+            rounded(round(each, 6) + 0.0, 3) for each in pose.position.at(np.zeros(1))[0]
         )
         told = (f"heard at {place} m, beside the body: listener= says otherwise",)
     return samples, told + _notes([notes for _, notes in sent], known, names)

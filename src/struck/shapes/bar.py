@@ -12,7 +12,7 @@ from typing import cast
 
 import numpy as np
 
-from struck.errors import OptionError, require_choice
+from struck.errors import OptionError, require_choice, rounded
 from struck.model.arrays import Array, checked, require_number
 from struck.model.material import Material
 from struck.model.mesh import Mesh
@@ -305,7 +305,7 @@ class Bar(Shape):
         if self._gyration > self.length:
             raise OptionError(
                 f"length of the bar is {self.length} m: at least its radius of gyration, "
-                f"{self._gyration:.4g} m; take a Block or Tube of struck.solids"
+                f"{rounded(self._gyration, 4)} m; take a Block or Tube of struck.solids"
             )
         if not isinstance(self.ends, str) and len(self.ends) != 2:
             raise OptionError(
@@ -432,9 +432,9 @@ class Bar(Shape):
         slender = self.length / max(section.height, section.area / section.height)
         if slender < _SLENDER:
             details["caution"] = (
-                f"length is {slender:.2g} of the section's wider side, below {_SLENDER:g}: bars "
-                "are taken as slender, and errors do not hold what that leaves out; with free or "
-                "clamped ends finite elements, method='fem', take the whole body"
+                f"length is {rounded(slender, 2)} of the section's wider side, below {_SLENDER:g}: "
+                "bars are taken as slender, and errors do not hold what that leaves out; with "
+                "free or clamped ends finite elements, method='fem', take the whole body"
             )
         if self.theory == "euler-bernoulli":
             return details

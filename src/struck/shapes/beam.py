@@ -13,7 +13,7 @@ from typing import Self
 
 import numpy as np
 
-from struck.errors import OptionError
+from struck.errors import OptionError, rounded
 from struck.model.arrays import Array, Index
 
 Function = Callable[[Array, Array], Array]
@@ -312,7 +312,7 @@ def _require_few(count: float) -> None:
     """Refuse beams with more modes of one kind than any model takes, before they are computed."""
     if not count <= _MOST_OF_A_KIND:
         raise OptionError(
-            f"the bar has about {count:.2g} modes of one kind in the band, and at most "
+            f"the bar has about {rounded(count, 2)} modes of one kind in the band, and at most "
             f"{_MOST_OF_A_KIND} are computed: check its lengths (m) and Young's modulus (Pa; 200 "
             "GPa is 200e9), or end the band lower"
         )

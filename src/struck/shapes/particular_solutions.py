@@ -19,7 +19,7 @@ import numpy as np
 import scipy.linalg
 from scipy.special import y1
 
-from struck.errors import OptionError
+from struck.errors import OptionError, rounded
 from struck.model.arrays import Array, Index
 from struck.shapes.bessel_series import irregular, pair, regular, series, series_slope
 from struck.shapes.polygon import Polygon, all_over, along_edges, plan_of, scattered
@@ -152,8 +152,8 @@ class PolygonForms:
         if self.coefficients.shape != wanted or not waves <= _MOST_WAVES or self.counts.min() < 0:
             raise OptionError(
                 f"{self.coefficients.shape} coefficients of {wanted} are given, or the shapes have "
-                f"{waves:.3g} radians along the plan and at most {_MOST_WAVES:g} fit: compute the "
-                "membrane anew"
+                f"{rounded(waves, 3)} radians along the plan and at most {_MOST_WAVES:g} fit: "
+                "compute the membrane anew"
             )
 
     def values(self, places: Array) -> Array:

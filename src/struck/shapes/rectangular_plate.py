@@ -13,7 +13,7 @@ import scipy.linalg
 from numpy.polynomial.legendre import leggauss
 from scipy.special import eval_jacobi
 
-from struck.errors import OptionError, SolverError, require_choice
+from struck.errors import OptionError, SolverError, require_choice, rounded
 from struck.model.arrays import Array, Index, checked
 from struck.model.material import Material
 from struck.shapes.shape import (
@@ -266,9 +266,9 @@ def _require_apart(squared: Array, rigid: int) -> None:
     lowest = np.sort(squared)[: rigid + 1]
     if rigid and not np.abs(lowest[:-1]).max() < _ZERO * lowest[-1]:
         raise SolverError(
-            f"a rigid motion of the plate came out at {math.sqrt(abs(lowest[-2])):.3g} 1/m^2, "
-            f"its lowest mode at {math.sqrt(abs(lowest[-1])):.3g}: the plate is too slender for "
-            "this method; take a Bar"
+            f"a rigid motion of the plate came out at {rounded(math.sqrt(abs(lowest[-2])), 3)} "
+            f"1/m^2, its lowest mode at {rounded(math.sqrt(abs(lowest[-1])), 3)}: the plate is too "
+            "slender for this method; take a Bar"
         )
 
 

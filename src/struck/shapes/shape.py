@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.errors import NoModeError, OptionError, kind_of
+from struck.errors import NoModeError, OptionError, kind_of, rounded
 from struck.model.arrays import Array, require_number
 from struck.model.gains import Forms, TransverseShapes
 from struck.model.material import Material
@@ -54,9 +54,9 @@ def thinness(thickness: float, half: float, shares: Array) -> dict[str, object]:
     if thickness > _THIN * half:
         told = [f"the {end} frequency by about {each:.1%}" for end, each in ends.items()]
         details["caution"] = (
-            f"thickness is {thickness / half:.3g} of the radius or half side, above {_THIN:g}: the "
-            f"theory of thin plates overstates {', '.join(told) or 'frequencies'}; with free or "
-            "clamped edges finite elements, method='fem', do not"
+            f"thickness is {rounded(thickness / half, 3)} of the radius or half side, above "
+            f"{_THIN:g}: the theory of thin plates overstates {', '.join(told) or 'frequencies'}; "
+            "with free or clamped edges finite elements, method='fem', do not"
         )
     return details
 
@@ -217,13 +217,14 @@ def _silent(
     if len(vibration.frequencies):
         return (
             f"no mode lies between {low:g} and {high:g} Hz, though {len(vibration.frequencies)} "
-            f"lie below, the highest at {vibration.frequencies[-1]:.4g} Hz: widen the band"
+            f"lie below, the highest at {rounded(vibration.frequencies[-1], 4)} Hz: widen the band"
         )
     for factor in 2.0 ** np.arange(1, 12):
         found = shape.vibration(material, high * factor).frequencies
         if len(found):
-            return f"the lowest mode is at {found[0]:.4g} Hz, above the band's end of {high:g} Hz"
-    return f"no mode lies below {high * 2048:g} Hz: check the lengths (m) of the body"
+            lowest = rounded(found[0], 4)
+            return f"the lowest mode is at {lowest} Hz, above the band's end of {high:g} Hz"
+    return f"no mode lies below {rounded(high * 2048)} Hz: check the lengths (m) of the body"
 
 
 def _spread(surface: Mesh) -> tuple[Array, Array]:
@@ -254,7 +255,7 @@ def require_count(body: str, count: float, highest: float) -> None:
     """Refuse bands with over 100,000 modes before any is computed."""
     if not count <= _MOST_PLAN_MODES:
         raise OptionError(
-            f"the {body} has about {count:.2g} modes up to {highest:g} Hz: "
+            f"the {body} has about {rounded(count, 2)} modes up to {highest:g} Hz: "
             f"at most {_MOST_PLAN_MODES} "
             "are computed; end the band lower, or check the lengths (m)"
         )

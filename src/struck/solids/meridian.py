@@ -17,7 +17,7 @@ from numpy.polynomial import Chebyshev
 from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.optimize import root_scalar
 
-from struck.errors import MeshError
+from struck.errors import MeshError, rounded
 from struck.model.arrays import Array, Index
 from struck.solids.hexahedra import angles, disc, divided, lattice, merged, stacked
 from struck.solids.polygon_mesh import crossing, place_of
@@ -491,7 +491,7 @@ def _reach(curve: MeridianCurve, radius: float, name: str) -> float:
     if not beyond.any() or radius <= 0:
         raise MeshError(
             f"the stem ends with a radius of {radius:g} m, the {name} reaches "
-            f"{curve.at(positions)[:, 0].max():.4g} m: give a radius between 0 and that"
+            f"{rounded(curve.at(positions)[:, 0].max(), 4)} m: give a radius between 0 and that"
         )
     index = int(np.argmax(beyond))
     bracket = positions[index - 1 : index + 1]

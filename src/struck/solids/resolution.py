@@ -24,7 +24,7 @@ from typing import Self
 
 import numpy as np
 
-from struck.errors import NoModeError, OptionError, require_choice
+from struck.errors import NoModeError, OptionError, require_choice, rounded
 from struck.model.arrays import Array, require_number
 from struck.model.material import Material
 from struck.model.mesh import Mesh
@@ -275,7 +275,8 @@ class Cost:
 
 def _rough(value: float) -> str:
     """Return a number rounded to one digit."""
-    return f"{float(f'{value:.1g}'):,g}"
+    text = rounded(value, 1)
+    return f"{float(text):,.0f}" if float(text) >= 1 else text
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -356,8 +357,9 @@ class Forecast:
             if recoils and self.sides[0] >= _GRAIN:
                 return ""
             raise NoModeError(
-                f"no mode lies below {highest:g} Hz: the lowest is at about {self.lowest:.2g} Hz "
-                f"in {self._size} so check its units (lengths are in m), or widen band="
+                f"no mode lies below {highest:g} Hz: the lowest is at about "
+                f"{rounded(self.lowest, 2)} Hz in {self._size} so check its units (lengths are in "
+                "m), or widen band="
             )
         cost = Cost.of(count, nodes)
         if count <= MANY_MODES and not cost.is_high:
@@ -378,13 +380,14 @@ class Forecast:
 
     @property
     def _size(self) -> str:
-        return f"a body of {self.sides[0]:.3g} m, {self.thickness:.2g} m thick in the mean,"
+        length, thickness = rounded(self.sides[0], 3), rounded(self.thickness, 2)
+        return f"a body of {length} m, {thickness} m thick in the mean,"
 
     def _unit(self, highest: float) -> str:
         """Return the unit that was probably meant."""
         for unit, length in self._smaller(highest):
             told = f"units={unit!r} of a file, and those of a solid are given in m"
-            return f"if its lengths are in {unit} it is {length:.3g} m ({told}); else "
+            return f"if its lengths are in {unit} it is {rounded(length, 3)} m ({told}); else "
         return ""
 
     def _smaller(self, highest: float) -> Iterator[tuple[str, float]]:

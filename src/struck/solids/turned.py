@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial import KDTree
 
-from struck.errors import MeshError
+from struck.errors import MeshError, rounded
 from struck.model.arrays import Array, Index, Mask
 from struck.solids.hexahedra import QuadrilateralSheet, angles, merged, quadrilaterals, stacked
 from struck.solids.meridian import (
@@ -113,8 +113,8 @@ class Turned:
         rising = np.diff(r[: first + 1]) > 0, np.diff(r[last:]) < 0
         if not all(np.all(steps) for steps in rising):
             raise MeshError(
-                f"the side turns back toward the axis within {radius:.4g} m of it, near an end: "
-                "let it leave the axis outward, or end it there with a flat"
+                f"the side turns back toward the axis within {rounded(radius, 4)} m of it, near an "
+                "end: let it leave the axis outward, or end it there with a flat"
             )
         return radius, ends[0], ends[1]
 

@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.errors import OptionError, article
+from struck.errors import OptionError, article, rounded
 from struck.excitation.excitation import Push
 from struck.model.arrays import AnyArray, Array, Complex, numbers, require_number
 from struck.model.recoil import Recoil
@@ -200,7 +200,8 @@ def _forces(pushes: Sequence[Push], block: int) -> list[Array]:
         for reach in (float(np.abs(force).max()) for force in forces):
             if not reach <= STRONGEST:
                 raise OptionError(
-                    f"a force reaches {reach:g} N: it must be finite and at most {STRONGEST:g} N"
+                    f"a force reaches {rounded(reach)} N: it must be finite and at most "
+                    f"{rounded(STRONGEST)} N"
                 )
     return forces
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.stats import t as student
 
-from struck.errors import MaterialError, OptionError, RecordingError
+from struck.errors import MaterialError, OptionError, RecordingError, rounded
 from struck.model.arrays import Array, brief, checked, require_number
 from struck.model.damping import Measured, ringing
 from struck.model.material import Material
@@ -355,8 +355,9 @@ class Calibration:
             damping=self.losses.law,
             source=(
                 f"{len(self.pairing)} modes of a recording: E / density within "
-                f"{100 * stiffness:.2g} %, "
-                f"Poisson's ratio within {ratio:.2g}, standard errors; the density was assumed"
+                f"{rounded(100 * stiffness, 2)} %, "
+                f"Poisson's ratio within {rounded(ratio, 2)}, standard errors; the density was "
+                "assumed"
             ),
         )
 
@@ -364,16 +365,20 @@ class Calibration:
         """Return the results, a line each, with standard errors."""
         stiffness, ratio = self.standard_errors
         young = self.specific_stiffness * self.density / 1e9
+        modulus = rounded(self.specific_stiffness)
         extra, missing = len(self.pairing.extra), len(self.pairing.missing)
-        law = [f"{name.replace('_', ' ')} {x:.4g}" for name, x in self.losses.coefficients.items()]
+        law = [
+            f"{name.replace('_', ' ')} {rounded(x, 4)}"
+            for name, x in self.losses.coefficients.items()
+        ]
         off = np.sqrt(np.mean(self.residuals**2))
         return [
-            f"E/density {self.specific_stiffness:.6g} m2/s2, error {100 * stiffness:.2g} %",
-            f"Poisson   {self.poisson_ratio:.4f}, error {ratio:.2g}",
-            f"E         {young:.5g} GPa, if the density is {self.density:g} kg/m3",
+            f"E/density {modulus} m2/s2, error {rounded(100 * stiffness, 2)} %",
+            f"Poisson   {self.poisson_ratio:.4f}, error {rounded(ratio, 2)}",
+            f"E         {rounded(young, 5)} GPa, if the density is {rounded(self.density)} kg/m3",
             f"damping   {'' if 'loss' in law[0] else f'{self.losses.name}: '}{', '.join(law)}",
             f"pairs     {len(self.pairing)}; alone {extra} fitted modes, {missing} of the model",
-            f"residual  {off:.2g} cents root mean square",
+            f"residual  {rounded(off, 2)} cents root mean square",
         ]
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls
 
-from struck.errors import RecordingError
+from struck.errors import RecordingError, rounded
 from struck.model.arrays import Array
 from struck.model.damping import Damping, InternalFriction, Measured, Rayleigh
 
@@ -90,7 +90,7 @@ class LossCurve:
     @property
     def labels(self) -> tuple[str, ...]:
         """Names of the rates."""
-        return tuple(f"rate at {knot:.4g} Hz" for knot in self.knots)
+        return tuple(f"rate at {rounded(knot, 4)} Hz" for knot in self.knots)
 
 
 LossLaw = Terms | LossCurve

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from struck.core.machine import in_few_threads
-from struck.errors import OptionError, counted, require_choice
+from struck.errors import OptionError, counted, require_choice, rounded
 from struck.model.arrays import AnyComplex, Array, Index, Mask, brief, checked
 from struck.model.exponentials import Exponentials, samples
 from struck.model.provenance import Progress, silent
@@ -212,8 +212,8 @@ def _differing(apart: Array) -> Iterator[str]:
     if apart.size:
         yield (
             f"the frequency of {counted(len(apart), 'mode')} differs from take to take by "
-            f"{np.median(apart):.2g} Hz in the median, more than noise explains: errors hold that; "
-            "was the object held or supported alike?"
+            f"{rounded(np.median(apart), 2)} Hz in the median, more than noise explains: errors "
+            "hold that; was the object held or supported alike?"
         )
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from struck.errors import SimulationError
+from struck.errors import SimulationError, rounded
 from struck.model.arrays import Array
 from struck.scene.contacts import Contacts
 from struck.scene.engines.links import Link, mass_properties, owners, touches, triangles
@@ -45,9 +45,9 @@ def require_slow(time: float, velocities: Array, places: Array, *, warned: bool 
     far = float(np.abs(places).max(initial=0.0))
     if warned or not (fast < _FASTEST and far < _FARTHEST):
         raise SimulationError(
-            f"the simulation exploded at {time:.4g} s (a velocity is {fast:.3g}, a position "
-            f"{far:.3g} m): take smaller steps, start bodies apart, or soften contacts and "
-            "actuators"
+            f"the simulation exploded at {rounded(time, 4)} s (a velocity is {rounded(fast, 3)}, a "
+            f"position {rounded(far, 3)} m): take smaller steps, start bodies apart, or soften "
+            "contacts and actuators"
         )
 
 
@@ -98,10 +98,10 @@ def _require_gains(name: str, times: Array, gains: Array, fastest: Array) -> Non
     if len(wrong):
         at = wrong[0]
         raise SimulationError(
-            f"the simulation exploded at {times[at]:.4g} s: {name!r} gained "
-            f"{max(at_once[at], in_window[at]):.3g} m/s from contacts that closed at "
-            f"{fastest[at]:.3g} m/s: take smaller steps (step=), start bodies apart, or set "
-            "restitution="
+            f"the simulation exploded at {rounded(times[at], 4)} s: {name!r} gained "
+            f"{rounded(max(at_once[at], in_window[at]), 3)} m/s from contacts that closed at "
+            f"{rounded(fastest[at], 3)} m/s: take smaller steps (step=), start bodies apart, or "
+            "set restitution="
         )
 
 
@@ -140,10 +140,12 @@ def overlaps(model: mujoco.MjModel, data: mujoco.MjData, links: Sequence[Link]) 
         least = min(_width(model, links[one]), _width(model, links[other]))
         if depth > _DEEP * least:
             raise SimulationError(
-                f"{names} start {depth:.3g} m deep in each other, more than {_DEEP * least:.3g} m: "
-                "move them apart"
+                f"{names} start {rounded(depth, 3)} m deep in each other, more than "
+                f"{rounded(_DEEP * least, 3)} m: move them apart"
             )
-        notes.append(f"{names} start {depth:.2g} m deep in each other, and are pushed apart")
+        notes.append(
+            f"{names} start {rounded(depth, 2)} m deep in each other, and are pushed apart"
+        )
     return notes
 
 
@@ -179,9 +181,9 @@ def dead(model: mujoco.MjModel) -> list[str]:
     slow = max(kinds, default=(0.0,))[0]
     if slow > BRIEF_STEPS * step:
         notes.append(
-            f"by the file's solref a blow takes about {1e3 * slow:.3g} ms, or {slow / step:.0f} "
-            f"steps, of which more than {BRIEF_STEPS} count as a load that hardly sounds: set "
-            "restitution= to the pairs, or take larger steps"
+            f"by the file's solref a blow takes about {rounded(1e3 * slow, 3)} ms, or "
+            f"{slow / step:.0f} steps, of which more than {BRIEF_STEPS} count as a load that "
+            "hardly sounds: set restitution= to the pairs, or take larger steps"
         )
     lively = [(name, value) for name, value in found if value > 1]
     if lively:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from struck.errors import ArgumentError, OptionError, counted, require_choice
+from struck.errors import ArgumentError, OptionError, counted, require_choice, rounded
 from struck.model.arrays import Array, Index
 from struck.scene.body import Scene
 from struck.scene.contacts import Contacts
@@ -138,7 +138,8 @@ class MujocoRecorder:
         masses = [mass_properties(self._model, link) for link in self.links]
         bodies = sources.bodies(self.links, masses)
         moved = [
-            f"{link.name!r} moves as {mass.mass:.3g} kg, MuJoCo's own, and sounds as {own:.3g} kg"
+            f"{link.name!r} moves as {rounded(mass.mass, 3)} kg, MuJoCo's own, and sounds as "
+            f"{rounded(own, 3)} kg"
             for link, mass in zip(self.links, masses, strict=True)
             if mass and (own := getattr(bodies[link.name].model, "mass", None))
             if not 0.9 < own / mass.mass < 1.1

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from struck.analysis.cached_steps import Stages
-from struck.errors import ArgumentError, SimulationError, counted, require_choice
+from struck.errors import ArgumentError, SimulationError, counted, require_choice, rounded
 from struck.files.cache import opened
 from struck.model.arrays import checked, refuse_names, require_number
 from struck.model.model import ModalModel
@@ -303,7 +303,9 @@ def _masses_in_words(masses: Mapping[str, float]) -> list[str]:
         return []
     names = listed(list(masses), QUOTED)
     if len(masses) == 1:
-        return [f"{names} weighs {mass:.3g} kg, as its elements do" for mass in masses.values()]
-    least, most = f"{min(masses.values()):.3g}", f"{max(masses.values()):.3g}"
+        return [
+            f"{names} weighs {rounded(mass, 3)} kg, as its elements do" for mass in masses.values()
+        ]
+    least, most = f"{rounded(min(masses.values()), 3)}", f"{rounded(max(masses.values()), 3)}"
     each = f"{most} kg each" if least == most else f"{least} to {most} kg"
     return [f"{counted(len(masses), 'body')} weigh {each}, as their elements do: {names}"]

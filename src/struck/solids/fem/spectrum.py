@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from struck.errors import MeshError, NoModeError, SolverError
+from struck.errors import MeshError, NoModeError, SolverError, rounded
 from struck.model.arrays import Array
 from struck.model.provenance import Progress, silent
 from struck.solids.fem import factorisation
@@ -321,8 +321,8 @@ class Search:
             lowest = np.sqrt(max(pairs.values[0], 0.0)) / (2 * np.pi)
             highest = np.sqrt(self.bound) / (2 * np.pi)
             raise NoModeError(
-                f"no mode lies below {highest:g} Hz: the lowest is at {lowest:.4g} Hz; widen "
-                "band=, or make the body larger, thinner or softer"
+                f"no mode lies below {highest:g} Hz: the lowest is at {rounded(lowest, 4)} Hz; "
+                "widen band=, or make the body larger, thinner or softer"
             )
 
     @cached_property

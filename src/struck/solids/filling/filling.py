@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from scipy.spatial import KDTree
 
-from struck.errors import MeshError
+from struck.errors import MeshError, rounded
 from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Closest, Mesh, Surface
 from struck.model.mesh_topology import components, edges_of
@@ -229,8 +229,8 @@ def _require_cavity(body: FilledBody | WalledSheet) -> None:
         if deepest > body.wall:
             return
     raise MeshError(
-        f"a wall of {body.wall:g} m leaves no cavity in a body of {body.mesh.extent:.3g} m, "
-        f"{deepest:.3g} m deep: leave wall= out for a solid body, or give a thinner wall"
+        f"a wall of {body.wall:g} m leaves no cavity in a body of {rounded(body.mesh.extent, 3)} "
+        f"m, {rounded(deepest, 3)} m deep: leave wall= out for a solid body, or give a thinner wall"
     )
 
 
@@ -238,9 +238,9 @@ def _filled(body: Body, spacing: float, goal: Accuracy) -> Filling:
     """Fill the body; where a part finer than the lattice tears, try again finer."""
     if nodes_for(body, spacing) > goal.most:
         raise MeshError(
-            f"parts about {body.thickness:.3g} m thick in a body of {body.mesh.extent:.3g} m need "
-            f"more than {goal.most} nodes: use {_next_accuracy(goal)}a solid of struck.solids, or "
-            "the outer surface alone with wall="
+            f"parts about {rounded(body.thickness, 3)} m thick in a body of "
+            f"{rounded(body.mesh.extent, 3)} m need more than {goal.most} nodes: use "
+            f"{_next_accuracy(goal)}a solid of struck.solids, or the outer surface alone with wall="
         )
     while True:
         try:
@@ -250,7 +250,7 @@ def _filled(body: Body, spacing: float, goal: Accuracy) -> Filling:
         else:
             if not (complaint := _complaint(filling, _LARGEST_VOLUME_ERROR)):
                 return filling
-            complaint += f" on a lattice of {spacing:.3g} m"
+            complaint += f" on a lattice of {rounded(spacing, 3)} m"
         spacing *= _FINER_LATTICE
         if nodes_for(body, spacing) > goal.most:
             goal = replace(goal, most=goal.thin)  # a neck or a handle takes as many as a thin body
@@ -328,7 +328,7 @@ def _stuffing(body: Body, spacing: float, goal: Accuracy) -> Filling:
     return Filling(
         mesh=replace(mesh, cubic=cubic),
         path="one layer" if thin else "stuffing",
-        reason=f"the {what} of {body.thickness:.3g} m is {relation} than the lattice",
+        reason=f"the {what} of {rounded(body.thickness, 3)} m is {relation} than the lattice",
         spacing=spacing,
         volume_error=mesh.volume() / seen.volume(spacing / _SAMPLES_A_CELL) - 1,
         stiffened=_stiffened(body, spacing),

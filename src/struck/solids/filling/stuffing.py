@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from struck.errors import MeshError
+from struck.errors import MeshError, rounded
 from struck.model.arrays import AnyArray, Array, Index, Mask
 from struck.solids.volume_mesh import VolumeMesh, unique_rows
 
@@ -97,7 +97,7 @@ class NoCellsError(MeshError):
 
 def _require_any(tetrahedra: Index, spacing: float) -> None:
     if not len(tetrahedra):
-        raise NoCellsError(f"no point of a lattice of {spacing:.3g} m lies in the body")
+        raise NoCellsError(f"no point of a lattice of {rounded(spacing, 3)} m lies in the body")
 
 
 def warped(cells: Cells, is_centre: Mask) -> Cells:

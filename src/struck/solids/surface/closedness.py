@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from struck.errors import MeshError, counted
+from struck.errors import MeshError, counted, rounded
 from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Mesh
 from struck.model.mesh_topology import (
@@ -117,8 +117,8 @@ def _require_one_body(depths: Index, volumes: Array) -> None:
         )
     if np.any(volumes[outer] < 0):
         raise MeshError(
-            f"the mesh is inside out (its volume is {volumes.sum():.3g} m^3): flip all faces so "
-            "that the normals point outward, or leave repair on"
+            f"the mesh is inside out (its volume is {rounded(volumes.sum(), 3)} m^3): flip all "
+            "faces so that the normals point outward, or leave repair on"
         )
     solid = np.count_nonzero(volumes[~outer] > 0)
     if solid:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from struck.errors import MeshError
+from struck.errors import MeshError, rounded
 from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Mesh, Surface
 from struck.model.mesh_topology import edges_of, extremes, pieces, submesh, volumes_of
@@ -73,7 +73,8 @@ def _boundary(mesh: Mesh, bounds: Array, limits: Surface, spacing: float) -> Mes
             points = limits.closest(found.points)[2]
             return _without_crumbs(Mesh(points=points, faces=found.faces, up=mesh.up))
     raise MeshError(
-        f"the body is too thin for a lattice of {spacing:.3g} m: join its pieces in a mesh editor"
+        f"the body is too thin for a lattice of {rounded(spacing, 3)} m: join its pieces in a mesh "
+        "editor"
     )
 
 

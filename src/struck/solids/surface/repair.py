@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from struck.errors import MeshError, OptionError, counted, require_choice
+from struck.errors import MeshError, OptionError, counted, require_choice, rounded
 from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Mesh
 from struck.model.mesh_topology import boxes_of, edges_of, pieces, submesh, turned_faces, volumes_of
@@ -119,8 +119,8 @@ def repaired(mesh: Mesh, *, wall: float | None = None, holes: str | None = None)
     if distance:
         merged = counted(len(mesh.points) - len(together.points), "vertex")
         record.note(
-            f"Faces stand apart by up to {distance:.1e} m.",
-            f"{merged} within {distance:.1e} m of others merged.",
+            f"Faces stand apart by up to {rounded(distance, 2)} m.",
+            f"{merged} within {rounded(distance, 2)} m of others merged.",
         )
     result, sheet = _result(together, wall, holes, record)
     return Repair(
@@ -244,7 +244,7 @@ def _matters(crossing: Crossing, shells: Shells, record: RepairLog) -> bool:
     if not len(crossing.pairs):
         return False
     faces = counted(len(np.unique(crossing.pairs)), "face")
-    within = f"{100 * crossing.buried:.2g} % of the area lies within the material."
+    within = f"{rounded(100 * crossing.buried, 2)} % of the area lies within the material."
     if crossing.buried <= _BURIED:
         record.note(f"{faces} cross a little.", f"Crossing faces left: {within}")
         return False
@@ -277,8 +277,8 @@ def _one(mesh: Mesh, record: RepairLog) -> Mesh:
 
 def _say(new: Rebuilt, record: RepairLog) -> None:
     record.changed.append(
-        f"Surface rebuilt on a lattice of {new.spacing:.3g} m, edges rounded by as much (volume "
-        f"{100 * new.change:+.2g} % from the lattice before)."
+        f"Surface rebuilt on a lattice of {rounded(new.spacing, 3)} m, edges rounded by as much "
+        f"(volume {rounded(100 * new.change, 2, sign=True)} % from the lattice before)."
     )
 
 
@@ -324,7 +324,7 @@ def _say_of_holes(surface: Mended, kept: list[Index], record: RepairLog) -> None
     across = [float(np.ptp(surface.open.points[rim], axis=0).max()) for rim in kept]
     if surface.solid.any() and across:
         record.note(
-            f"{counted(len(kept), 'opening')} up to {max(across):.3g} m across.",
+            f"{counted(len(kept), 'opening')} up to {rounded(max(across), 3)} m across.",
             "Left open, round or of straight edges or as asked for: holes='fill' closes them.",
         )
 
@@ -480,14 +480,14 @@ def solid_shells(surface: Mended, solid: Mask, record: RepairLog) -> Shells:
         share = surface.areas[~solid].sum() / surface.areas.sum()
         record.note(
             f"{counted(loose, 'loose piece')} of the surface without volume.",
-            f"{counted(loose, 'loose piece')} removed ({100 * share:.2g} % of the area).",
+            f"{counted(loose, 'loose piece')} removed ({rounded(100 * share, 2)} % of the area).",
         )
     holes = surface.holes(solid)
     if holes:
         share = surface.filled[solid].sum() / surface.areas[solid].sum()
         record.note(
             f"{counted(holes, 'hole')} in the surface.",
-            f"{counted(holes, 'hole')} filled ({100 * share:.2g} % of the area).",
+            f"{counted(holes, 'hole')} filled ({rounded(100 * share, 2)} % of the area).",
         )
     kept = submesh(surface.mesh, np.flatnonzero(solid[surface.labels]))
     shells, wrong = Shells.of(without_needles(kept, record)).outward()
@@ -506,7 +506,7 @@ def without_hidden(shells: Shells, pairs: Index, record: RepairLog) -> Shells:
         record.note(
             f"{counted(hidden, 'shell')} within the material.",
             f"{counted(hidden, 'inner shell')} removed: normals outward make no cavity (volume "
-            f"{solid:.3g}; turned inward they would leave {solid - inner:.3g}).",
+            f"{rounded(solid, 3)}; turned inward they would leave {rounded(solid - inner, 3)}).",
         )
     return shells.only(kept)
 
