@@ -179,3 +179,78 @@ def test_a_gap_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Rayleigh.decays, "__doc__", "Return the decay rates.")
     assert "parameter frequencies" in gaps.__wrapped__("struck.Rayleigh.decays")
     assert "shapes" in gaps.__wrapped__("struck.Rayleigh.decays")
+
+
+# Names of classes in docstrings: in the types of entries, and in backticks.
+
+ENTRY = re.compile(r"^ {0,8}(\w[\w*, ]*) : (.+)$", re.MULTILINE)
+QUOTED = re.compile(r"(?<!`)`([A-Za-z_][\w.]*)`(?!`)")
+CLASS = re.compile(r"(?<![\w./-])[A-Z][a-z]\w*")
+# Words with a capital that are no class of struck.
+OTHERS = {"None", "True", "False", "Hertz", "Figure", "Path", "PathLike", "Open3D", "PyVista"} | {
+    "PaStreamCallback"
+}
+
+
+@cache
+def trees() -> dict[Path, ast.Module]:
+    """Return the syntax tree of each module."""
+    paths = sorted(PACKAGE.rglob("*.py"))
+    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in paths}
+
+
+@cache
+def classes() -> set[str]:
+    """Return the names of all classes."""
+    nodes = (node for tree in trees().values() for node in ast.walk(tree))
+    return {node.name for node in nodes if isinstance(node, ast.ClassDef)}
+
+
+@cache
+def defined() -> set[str]:
+    """Return the names of all classes, and of types and constants at the level of modules."""
+    found = OTHERS | classes()
+    for node in (node for tree in trees().values() for node in tree.body):
+        if isinstance(node, ast.Assign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            found |= {each.id for each in targets if isinstance(each, ast.Name)}
+    return found
+
+
+def unknown_names(text: str, fields: dict[str, str] | None = None) -> list[str]:
+    """Return the classes of a docstring that nothing defines, or that are not those of `fields`.
+
+    `fields` gives the annotations of a class; one that is a class alone must be the entry's type.
+    """
+    wrong = []
+    for entry, kind in ENTRY.findall(text):
+        named = CLASS.findall(kind)
+        wrong += [name for name in named if name not in defined()]
+        for name in entry.split(", "):
+            own = (fields or {}).get(name.strip(), "")
+            plain = own in classes()
+            wrong += [f"{name}: {own}"] if plain and named and own not in named else []
+    quoted = [part for name in QUOTED.findall(text) for part in name.split(".")]
+    return wrong + [part for part in quoted if CLASS.fullmatch(part) and part not in defined()]
+
+
+def test_names_of_classes_in_docstrings_exist() -> None:
+    wrong = {}
+    kinds = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+    for path, tree in trees().items():
+        for node in ast.walk(tree):
+            if isinstance(node, kinds) and (text := ast.get_docstring(node)):
+                fields = {
+                    each.target.id: ast.unparse(each.annotation)
+                    for each in node.body
+                    if isinstance(each, ast.AnnAssign) and isinstance(each.target, ast.Name)
+                }
+                if unknown := unknown_names(text, fields):
+                    wrong[f"{path.stem}.{getattr(node, 'name', '')}"] = unknown
+    assert not wrong
+
+
+def test_a_class_that_is_gone_is_seen() -> None:
+    assert unknown_names("verdict : Judgement") == ["Judgement"]
+    assert unknown_names("Its `Judgement.reason`.") == ["Judgement"]
+    assert unknown_names("heard : Ringing", {"heard": "Exponentials"})[-1] == "heard: Exponentials"

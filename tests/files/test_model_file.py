@@ -343,6 +343,8 @@ def complaints(value: Any, schema: dict[str, Any], root: dict[str, Any]) -> list
         "items": lambda s: not arrays or not any(complaints(item, s, root) for item in value),
         "minItems": lambda count: not arrays or len(value) >= count,
         "maxItems": lambda count: not arrays or len(value) <= count,
+        "minProperties": lambda count: not objects or len(value) >= count,
+        "maxProperties": lambda count: not objects or len(value) <= count,
         "minimum": lambda bound: not number or value >= bound,
         "maximum": lambda bound: not number or value <= bound,
         "exclusiveMinimum": lambda bound: not number or value > bound,
@@ -433,24 +435,26 @@ def test_other_versions(tmp_path: Path, version: str, message: str) -> None:
 
 
 def test_other_formats(tmp_path: Path) -> None:
-    assert "its format is 'pt'" in refused(sealed(tmp_path / "a", {}, format="pt", version="1"))
-    (tmp_path / "b").write_bytes(safetensors.numpy.save({"x": np.arange(3.0)}))
-    assert "it is damaged" in refused(tmp_path / "b")
+    other = sealed(tmp_path / "a.struck", {}, format="pt", version="1")
+    assert "its format is 'pt'" in refused(other)
+    (tmp_path / "b.struck").write_bytes(safetensors.numpy.save({"x": np.arange(3.0)}))
+    assert "it is damaged" in refused(tmp_path / "b.struck")
     (tmp_path / "c").write_bytes(b"RIFF\x24\x08\x00\x00WAVEfmt " * 4)
-    assert "does not begin like a model file" in refused(tmp_path / "c")
+    assert "is a sound (WAV) and not a model: end its name in .wav" in refused(tmp_path / "c")
 
 
 def test_huge_header_is_not_believed(tmp_path: Path) -> None:
-    (tmp_path / "a").write_bytes((2**63).to_bytes(8, "little") + b"{}")
-    assert "a header of 9223372036854775808 bytes" in refused(tmp_path / "a")
-    (tmp_path / "a").write_bytes(b"abcd")
-    assert "too short for a model file, 4 bytes: copy" in refused(tmp_path / "a")
+    path = tmp_path / "a.struck"
+    path.write_bytes((2**63).to_bytes(8, "little") + b"{}")
+    assert "a header of 9223372036854775808 bytes" in refused(path)
+    path.write_bytes(b"abcd")
+    assert "too short for a model file, 4 bytes: copy" in refused(path)
 
 
 def test_deep_nesting_is_not_followed(tmp_path: Path) -> None:
     text = b"[" * 1_000_000
-    (tmp_path / "a").write_bytes(len(text).to_bytes(8, "little") + text)
-    assert "its header cannot be read" in refused(tmp_path / "a")
+    (tmp_path / "a.struck").write_bytes(len(text).to_bytes(8, "little") + text)
+    assert "its header cannot be read" in refused(tmp_path / "a.struck")
 
 
 def test_missing_file_and_folder(tmp_path: Path) -> None:

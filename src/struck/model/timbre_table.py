@@ -262,10 +262,12 @@ class TimbreTable(RecordedGains):
         return np.broadcast_to(weights[:, :, None], (*weights.shape, self.gains.shape[2]))
 
     def motion(self, points: Array) -> Array:
-        """Return the factor of gains at `points` (K, D) that depends on the contact alone (K, M).
+        """Return the factor of gains at `points` (K, D) that depends on the contact alone.
+
+        The result (K, 1, R, M) is the same for all R products of a mode.
 
         Gains (P, Q) of a mode come nearest to a product of real drives (P,) and outputs (Q,) where
-        the drives are the leading eigenvector of Re(G G*). All products of a mode move alike.
+        the drives are the leading eigenvector of Re(G G*).
         """
         together = np.einsum("pqm,rqm->mpr", self.gains, self.gains.conj()).real
         drives = np.linalg.eigh(together)[1][:, :, -1]

@@ -259,14 +259,16 @@ def by_name(name: str) -> Radiation:
     OptionError
         When no estimate has that name.
     """
-    estimates: dict[str, Radiation] = {
-        estimate.name: estimate for estimate in (RadiatedPower(), ObrienCoupling(), Heuristic1998())
-    }
-    if name not in estimates:
-        offer = nearest(name, (*estimates, "field"), "{!r}")
-        known = " or ".join(map(repr, estimates))
+    if name not in ESTIMATES:
+        offer = nearest(name, (*ESTIMATES, "field"), "{!r}")
+        known = " or ".join(map(repr, ESTIMATES))
         raise OptionError(f"no radiation is called {name!r}: {offer}give {known}, or 'field'")
-    return estimates[name]
+    return ESTIMATES[name]
+
+
+ESTIMATES: dict[str, Radiation] = {
+    estimate.name: estimate for estimate in (RadiatedPower(), ObrienCoupling(), Heuristic1998())
+}
 
 
 _FAR = 1e4  # m: outside of any body

@@ -82,11 +82,11 @@ class Fitted:
         What each row of gains belongs to, in order of takes, hits and channels.
     segments : tuple of Segment
         What was fitted.
-    heard : Ringing
+    heard : Exponentials
         All that rings in the segments: earlier hits and tones of the surroundings too.
     order : array (rows,)
         Which row of `heard` each row is.
-    verdict : Verdict
+    verdict : ModalVerdict
         Whether it is the sound of a struck object.
     blow, vague : array (M,), bool
         Which modes stand for the blow instead of the object, and which are known to 30 % at best.
