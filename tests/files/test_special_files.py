@@ -116,7 +116,7 @@ def test_what_is_refused_is_told(tmp_path: Path) -> None:
     reasons = {pipe: "a pipe or a device", endless: "a pipe or a device", huge: "has 1099511627776"}
     for kind, reason in reasons.items():
         with pytest.raises(FileFormatError, match=reason):
-            struck.load(kind(tmp_path / kind.__name__))
+            struck.load(kind(tmp_path / f"{kind.__name__}.struck"))
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes among files")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from struck.errors import FileFormatError, MeshError, OptionError
+from struck.errors import FileFormatError, MeshError, OptionError, rounded
 from struck.files.meshes import list_parts, load_body, load_mesh, load_surface
 
 FORMATS = ["obj", "stl", "ply", "off", "glb", "gltf"]
@@ -393,8 +393,9 @@ def test_wrong_extension(tmp_path: Path, kind: str, other: str) -> None:
 
 
 def test_unknown_extension_names_the_known(tmp_path: Path) -> None:
-    assert "use one of obj, stl, ply" in refused(saved(tmp_path / "a.step", b"x"))
-    assert "extension '' names no mesh format" in refused(saved(tmp_path / "plain", b"x"))
+    assert "it is a CAD file (STEP), which struck" in refused(saved(tmp_path / "a.step", b"x"))
+    assert "use one of surfaces as obj, stl, ply" in refused(saved(tmp_path / "a.qqq", b"x"))
+    assert "it has no extension: use one of" in refused(saved(tmp_path / "plain", b"x"))
 
 
 def test_missing_file_and_folder(tmp_path: Path) -> None:
@@ -540,7 +541,7 @@ def test_sizes_beyond_arithmetic(tmp_path: Path, factor: float) -> None:
     lines = [f"v {factor * x} {factor * y} {factor * z}" for x, y, z in box().vertices]
     faces = [f"f {a} {b} {c}" for a, b, c in box().faces + 1]
     message = refused(saved(tmp_path / "a.obj", "\n".join(lines + faces)))
-    assert f"its longest edge is {factor:g}" in message
+    assert f"its longest edge is {rounded(factor, 3)}" in message
 
 
 def test_faces_of_one_or_two_vertices_alone(tmp_path: Path) -> None:

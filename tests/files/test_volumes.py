@@ -262,7 +262,7 @@ def test_missing_file_folder_and_extension(tmp_path: Path) -> None:
     assert "there is no file of that name: check" in refused(tmp_path / "a.vtk")
     (tmp_path / "b.inp").mkdir()
     assert "cannot be read (Is a" in refused(tmp_path / "b.inp")
-    assert "use one of vtk, vtu, msh, inp" in refused(tmp_path / "a.med")
+    assert "volume meshes as vtk, vtu, msh, inp" in refused(tmp_path / "a.med")
 
 
 def test_without_meshio_the_install_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -283,7 +283,7 @@ def test_surface_and_mode_shapes_are_read_back(tmp_path: Path) -> None:
     assert np.array_equal(shapes.points, model.geometry.points)
     assert [block.type for block in shapes.cells] == ["triangle"]
     assert np.array_equal(shapes.cells[0].data, model.geometry.faces)
-    names = [f"mode {n:02d} ({hertz:.2f} Hz)" for n, hertz in enumerate(model.frequencies)]
+    names = [f"mode {n:02d} ({hertz:.2f} Hz)" for n, hertz in enumerate(model.frequencies, 1)]
     assert list(shapes.point_data) == names
     assert np.array_equal(np.stack(list(shapes.point_data.values()), 2), model.gains.shapes)
     struck.save(model, tmp_path / "again.VTU")

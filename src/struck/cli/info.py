@@ -6,19 +6,21 @@ import argparse
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 import struck
 from struck.cli import Result
 from struck.cli.options import budget, refuse
-from struck.errors import rounded
-from struck.files.archives import PACKINGS
-from struck.files.messages import FORMATS
+from struck.errors import counted, rounded
+from struck.files.recognition import recognised
 from struck.model.html import HEADINGS, aligned, modes_rows
 from struck.model.model import LOUDEST
 from struck.model.provenance import TerminalProgress
+
+if TYPE_CHECKING:
+    from struck.files import MeshPart
 
 LISTED = 6  # modes, unless asked for more or fewer
 PARTS = 20  # of a mesh file
@@ -40,12 +42,13 @@ def declare(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
     """Run `struck info`."""
-    ending = Path(options.file).suffix[1:].lower()
-    mesh = ending in FORMATS or ending in PACKINGS
-    others, kind = (("modes", "all"), "model") if mesh else (("units",), "mesh file")
-    refuse(options, others, f"is for a {kind}, and {options.file} is none: give one")
+    kind = recognised(options.file)
+    group = "" if kind is None else kind.group
+    mesh = group in {"surface", "volume"}
+    others, wanted = (("modes", "all"), "model") if mesh else (("units",), "mesh file")
+    refuse(options, others, f"is for a {wanted}, and {options.file} is none: give one")
     if mesh:
-        return _parts(options.file, options.units)
+        return (_parts if group == "surface" else _elements)(options.file, options.units)
     model = struck.load(options.file)
     places = [_Place.of(model, name) for name in (LOUDEST, *sorted(model.places))]
     unit = "dB re 20 uPa at 1 m" if model.calibrated else "dB"
@@ -84,21 +87,67 @@ class _Place:
 
 
 def _parts(file: str, units: str | None) -> Result:
-    """Return the bodies that a mesh file holds, for `struck info`."""
+    """Return the bodies in a file of a surface, and which of them `struck analyze` takes."""
     from struck.files import list_parts
 
     parts = list_parts(file, units=units)
-    largest = max((part.volume or 0.0 for part in parts), default=0.0)
     rows = [("part", "faces", "size, m", "volume, m^3", "")]
+    several = len(parts) > 1
     for part in parts[:PARTS]:
         size = " x ".join(rounded(edge, 4) for edge in part.size)
         volume = "open" if part.volume is None else rounded(part.volume, 4)
-        usual = len(parts) > 1 and part.volume == largest > 0
-        taken = "taken unless --part names another" if usual else ""
+        taken = "taken" if several and part.taken else ""
         rows.append((part.name, str(part.faces), size, volume, taken))
     more = [f"... and {len(parts) - PARTS} more"] if len(parts) > PARTS else []
-    unit = [] if units else ["Numbers of the file are taken as metres: --units says otherwise."]
-    return Result([*aligned(rows), *more, *unit], parts=[asdict(part) for part in parts])
+    notes = [*([_taken(parts)] if several else []), *_unit(units)]
+    return Result([*aligned(rows), *more, *notes], parts=[asdict(part) for part in parts])
+
+
+def _taken(parts: Sequence[MeshPart]) -> str:
+    """Return which of several parts `struck analyze` takes, as a sentence."""
+    taken = [part.name for part in parts if part.taken]
+    if parts[0].taken is None:
+        return (
+            "The surface is open: struck analyze sews it together, or takes it as a sheet with "
+            "--wall; --part takes one part alone."
+        )
+    if len(taken) == len(parts):
+        return "struck analyze takes all as one body, as they touch or overlap; --part takes one."
+    if len(taken) == 1:
+        return f"struck analyze takes {taken[0]}, the largest; --part takes another."
+    return (
+        f"struck analyze takes {counted(len(taken), 'part')} as one body, the largest, as they "
+        "touch or overlap; --part takes one."
+    )
+
+
+def _elements(file: str, units: str | None) -> Result:
+    """Return the elements and the size of a volume mesh file."""
+    from struck.files import load_volume
+
+    mesh = load_volume(file, units=units)
+    edges = np.ptp(mesh.nodes, axis=0).tolist()
+    volume = mesh.volume()
+    elements, nodes = counted(len(mesh.elements), "element"), counted(len(mesh.nodes), "node")
+    lines = [
+        f"{elements} of kind {mesh.kind} on {nodes}",
+        f"size      {' x '.join(rounded(edge, 4) for edge in edges)} m",
+        f"volume    {rounded(volume, 4)} m^3",
+        *_unit(units),
+    ]
+    return Result(
+        lines,
+        kind=mesh.kind,
+        elements=len(mesh.elements),
+        nodes=len(mesh.nodes),
+        size=edges,
+        volume=volume,
+    )
+
+
+def _unit(units: str | None) -> list[str]:
+    """Return a note on the unit of a file's numbers where none is given."""
+    return [] if units else ["Numbers of the file are taken as metres: --units says otherwise."]
 
 
 def described(

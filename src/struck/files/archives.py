@@ -19,9 +19,9 @@ from typing import IO
 
 from struck.errors import MeshError
 from struck.files.atomic import open_ordinary, unread
-from struck.files.messages import FORMATS, ReadingLimits
+from struck.files.messages import FORMATS, PACKINGS, ReadingLimits
+from struck.files.recognition import not_a_surface
 
-PACKINGS = ("gz", "bz2", "xz", "zip")
 CHUNK = 2**14
 # Meshes as text pack ten to one; what packs better than this, and is no small file, is a trap.
 _HIGHEST_RATIO = 200
@@ -72,14 +72,10 @@ def open_source(path: Path, limits: ReadingLimits) -> Source:
 
 def kind_of(name: str) -> str:
     """Return the mesh format that a file's name promises; MeshError when it is none read here."""
-    suffix = Path(name).suffix
-    if suffix[1:].lower() not in FORMATS:
-        model = "it is a model, whose modes are known: load it as such; " * (suffix == ".struck")
-        raise MeshError(
-            f"{model}its extension {suffix!r} names no mesh format read here: use one of "
-            f"{', '.join(FORMATS)}, or one of them packed as {', '.join(PACKINGS)}"
-        )
-    return suffix[1:].lower()
+    kind = Path(name).suffix[1:].lower()
+    if kind not in FORMATS:
+        raise MeshError(not_a_surface(name))
+    return kind
 
 
 def open_regular(path: Path, limits: ReadingLimits) -> IO[bytes]:

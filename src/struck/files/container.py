@@ -99,17 +99,8 @@ def unpack(data: bytes, *, kind: str, newest: int) -> tuple[dict[str, str], dict
         raise FileFormatError(f"its tensors cannot be read ({error}): {_AGAIN}") from error
 
 
-_SOUNDS = {b"RIFF": "WAV", b"fLaC": "FLAC", b"OggS": "OGG", b"FORM": "AIFF", b"ID3": "MP3"}
-
-
 def _read_header(data: bytes) -> tuple[int, dict[str, str]]:
     """Return where the header ends, and the texts in it."""
-    kind = next((name for start, name in _SOUNDS.items() if data.startswith(start)), None)
-    if kind:
-        raise FileFormatError(
-            f"it does not begin like a model file but as a sound ({kind}): end its name in "
-            f".{kind.lower()}, which struck fit makes a model of"
-        )
     length = int.from_bytes(data[:8], "little")
     if len(data) < 8:
         raise FileFormatError(f"it is too short for a model file, {len(data)} bytes: {_AGAIN}")

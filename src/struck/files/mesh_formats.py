@@ -24,7 +24,8 @@ from struck.errors import MeshError, MissingDependencyError, OptionError
 from struck.files.archives import Source, open_regular, open_source
 from struck.files.atomic import write_bytes
 from struck.files.gltf import read_gltf, strip_triangles
-from struck.files.messages import READERS, ElementBlocks, Parsed, Part, ReadingLimits
+from struck.files.messages import FORMATS, READERS, ElementBlocks, Parsed, Part, ReadingLimits
+from struck.files.recognition import HEAD, kind_by_content, not_a_surface
 from struck.model.arrays import AnyArray
 
 if TYPE_CHECKING:
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
 
     from struck.model.model import ModalModel
 
-_FIRST_BYTES = {"ply": rb"ply\s", "glb": rb"glTF", "off": rb"C?OFF\s", "stl": rb"solid\s.*\sfacet"}
 _OPTIONS = {"stl": {}, "ply": {"skip_materials": True}}
 _LONGEST_HEADER = 2**16
 _MOST_LETTERS = 10**6
@@ -63,12 +63,11 @@ def parse(path: Path, limits: ReadingLimits) -> Parsed:
 
 def _require_content(source: Source) -> None:
     data, kind = source.data, source.kind
-    looks = [name for name, first in _FIRST_BYTES.items() if re.match(first, data[:500], re.DOTALL)]
-    if looks and kind not in looks:
-        raise MeshError(
-            f"its content is {looks[0].upper()} and not {kind.upper()}: rename it to end in "
-            f".{looks[0]}"
-        )
+    content = kind_by_content(data[:HEAD])
+    if content is not None and content.name.lower() != kind:
+        surface = content.group == "surface"
+        way = f"rename it to end in .{content.name.lower()}" if surface else content.way
+        raise MeshError(f"its content is {content.name} and not {kind.upper()}: {way}")
     if kind in {"obj", "off", "gltf"} and b"\0" in data[:100_000]:
         raise MeshError(f"it holds binary data and {kind.upper()} is text: export it again")
 
@@ -367,10 +366,9 @@ def _require_one_node_block(data: bytes) -> None:
 
 def _reader(path: Path) -> Callable[[str], meshio.Mesh]:
     if path.suffix.lower() not in READERS:
-        raise MeshError(
-            f"its extension {path.suffix!r} names no volume mesh read here: use one of "
-            f"{', '.join(name[1:] for name in READERS)}"
-        )
+        if path.suffix[1:].lower() in FORMATS:
+            raise MeshError("it is a surface and not a volume mesh: load it by load_body")
+        raise MeshError(not_a_surface(path.name))
     meshio = _meshio("volume meshes are read")
     # meshio 5.3 knows the nodes of these two elements and yet fails on them.
     with contextlib.suppress(ImportError):
@@ -390,7 +388,10 @@ def _meshio(what: str) -> ModuleType:
 
 
 def write_shapes(model: ModalModel, path: str | os.PathLike[str]) -> None:
-    """Write surface and mode shapes of a model as a VTU file, a field of vectors for each mode."""
+    """Write surface and mode shapes of a model as a VTU file, a field of vectors for each mode.
+
+    The fields are named by the modes' numbers, from 1, and frequencies.
+    """
     from struck.model.gains import ShapeGains
 
     gains = model.gains
@@ -404,7 +405,9 @@ def write_shapes(model: ModalModel, path: str | os.PathLike[str]) -> None:
     shapes = np.ascontiguousarray(np.moveaxis(gains.shapes, 2, 0))
     fields = {
         f"mode {number:0{digits}d} ({frequency:.2f} Hz)": shape
-        for number, (frequency, shape) in enumerate(zip(model.frequencies, shapes, strict=True))
+        for number, (frequency, shape) in enumerate(
+            zip(model.frequencies, shapes, strict=True), start=1
+        )
     }
     faces = [("triangle", gains.surface.faces)]
     with tempfile.TemporaryDirectory() as folder:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,8 +30,8 @@ from struck.model.arrays import UNITS, Array, Index, checked, numbers
 from struck.model.mesh import Arrays, Mesh, indices
 from struck.model.mesh_topology import bodies, submesh
 from struck.solids.fem.elements import ELEMENTS
-from struck.solids.surface.closedness import crossings, is_closed, require_closed
-from struck.solids.surface.repair import DEBRIS, Repair, repaired, require_holes
+from struck.solids.surface.closedness import crossings, is_closed, require_closed, winding
+from struck.solids.surface.repair import DEBRIS, Repair, largest_of, repaired, require_holes
 from struck.solids.surface.welding import lines, sewn
 from struck.solids.volume_mesh import VolumeMesh
 
@@ -289,12 +289,16 @@ class MeshPart:
         Edges of its bounding box, along x, y and z of the file, m.
     volume : float, optional
         What it encloses, m^3; None where its surface is open.
+    taken : bool, optional
+        Whether it belongs to the body that `load_body` makes of the file without `part`; None
+        where the surface is open, so that it is not known before it is repaired.
     """
 
     name: str
     faces: int
     size: tuple[float, float, float]
     volume: float | None
+    taken: bool | None = None
 
 
 @checked
@@ -322,13 +326,14 @@ def list_parts(path: str | os.PathLike[str], *, units: str | None = None) -> tup
     _require_options(units, None, None)
     metre = UNITS[units or "m"]
     with _named(path):
-        choices = _choices(read_contents(path).parts)
+        choices, taken = _choices(read_contents(path).parts)
     return tuple(
         MeshPart(
             name=name,
             faces=len(body.faces),
             size=tuple((np.ptp(body.bounds, axis=0) * metre).tolist()),
             volume=abs(body.volume) * metre**3 if is_closed(body) else None,
+            taken=None if taken is None else taken(body),
         )
         for name, body in choices.items()
     )
@@ -430,28 +435,41 @@ def _any_surface(parts: list[Part], part: str | None) -> Mesh:
     """Choose the surface that `part` names, or all together."""
     surfaces = _surfaces(parts)
     whole = _whole(parts, surfaces)
-    return whole if part is None else _chosen(part, parts, surfaces, *_sewn(parts, surfaces, whole))
+    if part is None:
+        return whole
+    return _chosen(part, parts, surfaces, *_bodies(parts, surfaces, _closed(whole)))
 
 
-def _choices(parts: list[Part]) -> dict[str, Mesh]:
-    """Return the choices of `part`: bodies by the names of their parts or by number, and parts."""
+def _choices(parts: list[Part]) -> tuple[dict[str, Mesh], Callable[[Mesh], bool] | None]:
+    """Return the choices of `part`, and which of them are taken where none is chosen.
+
+    Choices are bodies by the names of their parts or by number, and parts. Of an open surface it is
+    not known what is taken.
+    """
     surfaces = _surfaces(parts)
-    found, names = _sewn(parts, surfaces, _whole(parts, surfaces))
+    whole = _closed(_whole(parts, surfaces))
+    found, names = _bodies(parts, surfaces, whole)
+    taken = _taken(whole) if is_closed(whole) else None
     if names:
-        return dict(zip(names, found, strict=True))
+        return dict(zip(names, found, strict=True)), taken
     several = dict(zip((each.name for each in parts), surfaces, strict=True))
-    return _numbered(found) | (several if len(parts) > 1 else {})
+    return _numbered(found) | (several if len(parts) > 1 else {}), taken
+
+
+def _taken(whole: Mesh) -> Callable[[Mesh], bool]:
+    """Return whether a part of a closed surface belongs to the body that is taken of it."""
+    body = largest_of(whole)
+    # The winding number is 0 outside, a half on the surface and 1 or more within.
+    return lambda part: bool((winding(body, part.centroids) > 0.25).mean() > 0.5)
 
 
 def _surfaces(parts: list[Part]) -> list[Mesh]:
     return [_cleaned(Mesh(points=each.points, faces=each.faces)) for each in parts]
 
 
-def _sewn(parts: list[Part], surfaces: list[Mesh], whole: Mesh) -> tuple[list[Mesh], list[str]]:
-    """Return the separate bodies and their names, of an open surface once it is sewn together."""
-    if not is_closed(whole):
-        whole, _ = sewn(whole)
-    return _bodies(parts, surfaces, whole)
+def _closed(whole: Mesh) -> Mesh:
+    """Return a closed surface itself, and an open one sewn together."""
+    return whole if is_closed(whole) else sewn(whole)[0]
 
 
 def _numbered(found: list[Mesh]) -> dict[str, Mesh]:

@@ -20,6 +20,7 @@ from struck.model.arrays import AnyArray
 # What a reading process exits with when its memory does not suffice: an answer would need some.
 OUT_OF_MEMORY = 77
 FORMATS = ("obj", "stl", "ply", "off", "glb", "gltf")
+PACKINGS = ("gz", "bz2", "xz", "zip")
 READERS = {".vtk": "vtk", ".vtu": "vtu", ".msh": "gmsh", ".inp": "abaqus"}
 _LONGEST_HEADER = 16 * 2**20
 _TYPES = {"f": "<f8", "i": "<i8"}

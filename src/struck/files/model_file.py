@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import FileFormatError, OptionError, StruckError, article, rounded
+from struck.errors import FileFormatError, OptionError, StruckError, rounded
 from struck.files.atomic import ended, is_file, read_bytes, writable, write_bytes
 from struck.files.container import (
     FARTHEST,
@@ -39,6 +39,7 @@ from struck.files.container import (
     unpack,
     vector,
 )
+from struck.files.recognition import MODELS, kind_by_name, not_a_model
 from struck.model.arrays import Array, checked, require_numbers
 from struck.model.damping import Damping, InternalFriction, Measured, Rayleigh
 from struck.model.gains import Gains, Radiation, ShapeGains, TransverseShapes
@@ -266,9 +267,8 @@ def _near(plain: object, tensors: Tensors, kinds: tuple[type, ...]) -> tuple[Sur
     return tuple(parts)
 
 
-ENDINGS = (".struck", ".sofa")  # of model files
+ENDINGS = tuple(f".{ending}" for ending in MODELS)  # of model files
 SHAPES = ".vtu"  # of what else `save_model` writes, and nobody reads as a model
-_SOUNDS = (".wav", ".flac", ".ogg", ".aiff", ".aif", ".mp3")
 VERSION = 2  # the newest; what older readers can read is written as 1
 _SOFA = ".sofa"
 # What Python raises on JSON of another form than is read.
@@ -333,12 +333,12 @@ def load(path: str | os.PathLike[str]) -> ModalModel:
     """
     if re.fullmatch(r"[a-z-]{2,}:(\w+=.*)?", f"{path}") and not is_file(path):
         raise FileFormatError(f"{path} is a body, not a model: analyze it first (struck analyze)")
+    require_model(path)
     data = read_bytes(path)
     try:
         return from_bytes(data)
     except FileFormatError as error:
-        made = "; struck analyze makes a model of a mesh, struck fit of recordings"
-        raise FileFormatError(f"{path}: {error}{'' if is_model(path) else made}") from error
+        raise FileFormatError(f"{path}: {error}") from error
 
 
 def to_bytes(model: ModalModel) -> bytes:
@@ -381,14 +381,12 @@ def is_model(path: str | os.PathLike[str]) -> bool:
     return Path(path).suffix.lower() in ENDINGS
 
 
-def require_no_sound(path: str | os.PathLike[str]) -> None:
-    """Refuse a sound where a model belongs, by its ending."""
-    ending = Path(path).suffix.lower()
-    if ending in _SOUNDS:
-        raise FileFormatError(
-            f"{path} is {article(ending[1:].upper())} file, a sound and no model: struck fit makes "
-            "one of recordings, and models end in .struck"
-        )
+def require_model(path: str | os.PathLike[str]) -> None:
+    """Refuse a file of another kind where a model belongs, by its content or its ending."""
+    named = kind_by_name(path)
+    known = is_file(path) or (named is not None and named.group != "model")
+    if known and (other := not_a_model(path)):
+        raise FileFormatError(f"{path} {other}")
 
 
 @checked
@@ -423,9 +421,9 @@ def save_model(
 @checked
 def load_model(path: str | os.PathLike[str]) -> ModalModel:
     """Read a model from a ``.struck`` file, or from a ``.sofa`` file of gains of modes."""
-    require_no_sound(path)
     if not _is_sofa(path):
         return load(path)
+    require_model(path)
     from struck.files.sofa_fields import load_sofa_field
 
     field = load_sofa_field(path)

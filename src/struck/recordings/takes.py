@@ -20,6 +20,7 @@ from struck.errors import (
 )
 from struck.files import wav
 from struck.files.atomic import is_file, is_folder, read_bytes, real
+from struck.files.recognition import another_kind
 from struck.files.sound import Sound
 from struck.model.arrays import Array, Mask, checked
 from struck.model.provenance import Progress, silent
@@ -193,9 +194,10 @@ def _read_other(path: Path, reason: str) -> tuple[Array, int]:
             _require_brief(announced * file.channels, str(path))
             samples = np.asarray(file.read(dtype="float64", always_2d=True), float).T
     except (soundfile.SoundFileError, RuntimeError, TypeError) as error:
-        raise FileFormatError(
-            f"{path} is no sound file that is read ({error}): convert it to WAV or FLAC"
-        ) from error
+        why = another_kind(path, "sound") or (
+            f"is no sound file that is read ({error}): convert it to WAV or FLAC"
+        )
+        raise FileFormatError(f"{path} {why}") from error
     if samples.shape[1] < announced:
         raise FileFormatError(
             f"{path} is cut short: it should have {announced} samples and has {samples.shape[1]}"

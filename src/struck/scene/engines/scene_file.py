@@ -29,6 +29,7 @@ from struck.errors import (
 )
 from struck.files.atomic import is_file, read_bytes, real
 from struck.files.meshes import load_surface
+from struck.files.recognition import another_kind
 
 if TYPE_CHECKING:
     import mujoco
@@ -331,13 +332,15 @@ def mujoco_itself():  # noqa: ANN201 - a module
 def _parsed(path: Path) -> ET.Element:
     data = read_bytes(path, most=_LARGEST_TEXT)
     if b"\0" in data:
-        raise FileFormatError(f"{path} is no text: give a scene in MJCF or URDF, as scene.xml")
+        why = another_kind(path, "scene") or "is no text"
+        raise FileFormatError(f"{path} {why}; give a scene in MJCF or URDF, as scene.xml")
     if any(each in data for each in (b"<!ENTITY", b"<!DOCTYPE")):
         raise FileFormatError(f"{path} declares entities, which are not taken: write them out")
     try:
         return ET.fromstring(data)  # noqa: S314 - without entities
     except (ET.ParseError, ValueError, LookupError) as error:
-        raise FileFormatError(f"{path} is no XML ({error}): give an MJCF or a URDF file") from None
+        why = another_kind(path, "scene") or f"is no XML ({error})"
+        raise FileFormatError(f"{path} {why}; give a scene in MJCF or URDF, as scene.xml") from None
 
 
 def _last(elements: list[ET.Element], name: str, otherwise: str | Path) -> str | Path:

@@ -217,6 +217,17 @@ def _body(surface: Mended, solid: Mask, record: RepairLog) -> Mesh:
     return shells.mesh
 
 
+def largest_of(mesh: Mesh) -> Mesh:
+    """Return the pieces of a closed surface of which `repaired` makes the body, as they are."""
+    record, bare = RepairLog(), open_faces(mesh)
+    if bare is not None and not is_closed(bare):
+        return mesh  # parts that share edges, which are rebuilt together
+    surface = mended(mesh if bare is None else bare, record)
+    shells = solid_shells(surface, surface.solid, record)
+    shells = without_hidden(shells, crossings(shells.mesh), record)
+    return largest_body(shells, Crossing.of(shells).pairs, record).mesh
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Crossing:
     """Pairs of faces that cross, and the size of the crossing."""
