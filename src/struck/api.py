@@ -504,7 +504,7 @@ def show(
         Number of mode shapes, drawn alone.
     nodal_lines : int, optional
         Number of modes that are drawn from the broad side of a flat body, from above of others,
-        with their nodal lines, as Chladni's figures show them.
+        with their nodal lines, as Chladni's figures show them. Pictures count modes from 1.
 
     Returns
     -------

@@ -96,17 +96,38 @@ class RepairWarning(UserWarning):
     """A surface was repaired: the message lists its faults and the changes made."""
 
 
+COUNTED = "modes are counted from 1"
+"""How the shell, tables, pictures and files count modes; arrays in Python count from 0."""
+
 # Names in use elsewhere, and the names here; of several, the first that is known is offered.
 _CALLED = {
     **dict.fromkeys(("velocity", "v"), ("speed",)),
     **dict.fromkeys(("hammer", "mallet", "stick", "beater"), ("striker",)),
     **dict.fromkeys(("position", "place", "point", "where", "at"), ("at", "strike", "listener")),
     **dict.fromkeys(("force", "strength"), ("impulse", "load")),
-    **dict.fromkeys(("duration", "length", "time", "secs"), ("seconds",)),
+    **dict.fromkeys(("hit", "blow", "knock", "tap"), ("strike", "strikes", "at")),
+    **dict.fromkeys(("gain", "volume", "loudness", "amplitude", "normalize"), ("level",)),
+    **dict.fromkeys(("quality", "resolution", "precision", "mesh-size"), ("accuracy",)),
+    **dict.fromkeys(("stereo", "ears"), ("stereo", "head")),
+    **dict.fromkeys(("binaural", "headphones"), ("hrtf", "head")),
+    **dict.fromkeys(("reverb", "rt60", "t60"), ("reverberation",)),
+    **dict.fromkeys(("drag", "rub", "slide"), ("scrape",)),
+    **dict.fromkeys(("pull", "twang"), ("pluck",)),
+    **dict.fromkeys(("damp", "grab", "mute"), ("hold",)),
+    **dict.fromkeys(("format", "bits", "depth"), ("encoding", "sounds")),
+    **dict.fromkeys(("diameter", "dia", "d"), ("diameter", "radius")),
+    **dict.fromkeys(("hollow", "shell"), ("wall",)),
+    **dict.fromkeys(("support", "clamp"), ("fixed", "ends")),
+    **dict.fromkeys(("range", "frequencies", "max-frequency"), ("band",)),
+    **dict.fromkeys(("count", "number", "n"), ("modes",)),
+    **dict.fromkeys(("solver",), ("method", "backend", "engine")),
+    **dict.fromkeys(("dimension", "parameter"), ("vary",)),
+    **dict.fromkeys(("samplerate", "sample-rate"), ("rate", "sample_rate")),
+    **dict.fromkeys(("duration", "length", "time", "secs", "long"), ("seconds", "size")),
     **dict.fromkeys(("strikes", "hits", "actions"), ("excitations",)),
     **dict.fromkeys(("sr", "fs", "rate", "samplerate"), ("sample_rate", "rate")),
     **dict.fromkeys(("pan", "microphone", "mic", "observer"), ("listener",)),
-    **dict.fromkeys(("frequency", "pitch", "f0", "note"), ("lowest",)),
+    **dict.fromkeys(("frequency", "pitch", "f0", "note", "tone"), ("lowest",)),
     **dict.fromkeys(("thickness", "thick"), ("wall",)),
     **dict.fromkeys(("scale", "unit"), ("units", "size")),
     **dict.fromkeys(("e", "young", "youngs"), ("youngs_modulus",)),
@@ -124,8 +145,11 @@ _CALLED = {
 }
 
 
-def nearest(name: str, known: Iterable[str], form: str = "{}") -> str:
-    """Return "did you mean ...? " with the known names nearest to a name, or "" if none is near."""
+def nearest(name: str, known: Iterable[str], form: str = "{}", *, spelling: bool = True) -> str:
+    """Return "did you mean ...? " with the known names nearest to a name, or "" if none is near.
+
+    Nearest by meaning, and otherwise by `spelling`.
+    """
     names = list(known)
     plain = name.strip().lower()
     like = difflib.get_close_matches(plain, [*names, *_CALLED], n=1, cutoff=0.85)
@@ -133,7 +157,8 @@ def nearest(name: str, known: Iterable[str], form: str = "{}") -> str:
     found = [each for each in _CALLED.get(other, ()) if each in names][:1]
     if plain.isdigit():  # a number that is near another one is not meant for it
         return ""
-    found = found or difflib.get_close_matches(plain, names, n=3, cutoff=0.5)
+    cutoff = 0.5 if spelling else 0.85  # then only of a slip of the fingers
+    found = found or difflib.get_close_matches(plain, names, n=3, cutoff=cutoff)
     return f"did you mean {' or '.join(map(form.format, found))}? " if found else ""
 
 

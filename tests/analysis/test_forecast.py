@@ -11,13 +11,14 @@ import pytest
 import trimesh
 
 import struck
-from struck.errors import OptionError, ScaleWarning
+from struck.errors import OptionError, ScaleWarning, SolverError
 from struck.files.meshes import mesh_of
 from struck.model.material import Material
 from struck.model.mesh import Mesh
 from struck.shapes import CircularPlate, RectangularPlate
 from struck.solids import Block, Tube
-from struck.solids.resolution import MOST_MODES, Forecast
+from struck.solids.fem import factorisation
+from struck.solids.resolution import MOST_MODES, Forecast, coarser
 from struck.solids.revolution import bell, bowl, wine_glass
 from tests.yardstick import seconds_foretold
 
@@ -180,9 +181,29 @@ def test_where_no_band_takes_little_another_way_is_told() -> None:
     surface = Block(size=(0.5, 0.3, 0.05)).volume_mesh("preview").surface()[0]
     many = (60_000, 180_000)
     forecast = Forecast.of(surface, STEEL)
-    with pytest.raises(OptionError, match=r"8 GB: take a coarser accuracy, or ask for all"):
-        forecast.require_reasonable(2_000, many, asked=False)
-    assert "coarser accuracy" in forecast.require_reasonable(2_000, many)
+    way = {"coarser": coarser("standard")}
+    with pytest.raises(OptionError, match=r"8 GB: take accuracy='preview', or ask for all"):
+        forecast.require_reasonable(2_000, many, asked=False, **way)
+    assert "take accuracy='preview'" in forecast.require_reasonable(2_000, many, **way)
+    assert "accuracy" not in forecast.require_reasonable(2_000, many)
+
+
+@pytest.mark.parametrize(
+    ("accuracy", "below"),
+    [
+        ("fine", "accuracy='standard' or 'preview'"),
+        ("standard", "accuracy='preview'"),
+        ("preview", ""),
+    ],
+)
+def test_advice_on_memory_names_only_coarser_settings(
+    accuracy: str, below: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(factorisation, "available", lambda: 2**20)
+    block = Block(size=(0.05, 0.04, 0.03))
+    with pytest.raises(SolverError, match=r"GiB are free: use") as refused:
+        struck.analyze(block, "steel", accuracy=accuracy, cache=False, progress=None)
+    assert f"are free: use {below}{', ' if below else ''}a simpler mesh" in str(refused.value)
 
 
 HULL = Block(size=(4.0, 2.0, 0.1), elements=(2, 2, 1))

@@ -14,7 +14,7 @@ from struck.analysis import tune
 from struck.analysis.tuning import _Mode
 from struck.errors import OptionError
 from struck.model import Material
-from struck.shapes import Bar, CircularPlate, String
+from struck.shapes import Bar, CircularMembrane, CircularPlate, String
 from struck.solids import Block, Revolution, Tube
 from struck.solids.revolution import bowl, wine_glass
 
@@ -97,7 +97,7 @@ def test_what_was_changed_is_said() -> None:
     [
         ({"lowest": 880, "mode": "wobble 2"}, "mode is 'wobble 2': .*bending, torsion, stretch"),
         ({"frequency": 880, "mode": "torsoin"}, "did you mean torsion"),
-        ({"frequency": 880, "mode": 0}, "mode is 0: .*from 1"),
+        ({"frequency": 880, "mode": 0}, "mode is 0: .*modes are counted from 1"),
         ({"lowest": 880, "mode": 2}, "lowest is 880, but mode is 'mode 2': give frequency="),
         ({}, "no frequency is given to tune to: give one of lowest= and frequency="),
         ({"lowest": 880, "frequency": 880}, "lowest is 880 and frequency is 880: give one"),
@@ -131,6 +131,36 @@ def test_a_block_is_tuned_by_its_edges() -> None:
         OptionError, match=r"no numbers .*partial\(bowl, .* scale its model by ModalModel"
     ):
         tune(bowl(radius=0.06, height=0.05, wall=0.002), "bronze", vary="wall", lowest=440.0)
+
+
+def drum(*, radius: float = 0.2, tension: float = 300.0) -> CircularMembrane:
+    """Return a drum; all its arguments have values."""
+    return CircularMembrane(radius=radius, thickness=2e-4, tension=tension)
+
+
+def test_a_function_with_defaults_is_tuned_without_more() -> None:
+    found = tune(drum, "mylar", vary="tension", lowest="A3")
+    assert found.body.tension == found.after[0]
+    assert found.after == tune(partial(drum), "mylar", vary="tension", lowest="A3").after
+    assert found.after[1] == pytest.approx(220.0, rel=1e-6)
+
+
+def stick(length: float) -> Tube:
+    """Return a rod; its argument has no value."""
+    return Tube(length=length, radius=0.01, wall=0.01)
+
+
+def test_a_function_without_defaults_is_told_how_to_give_values() -> None:
+    with pytest.raises(
+        OptionError, match=r"stick has no value for length: .*partial\(stick, length="
+    ):
+        tune(stick, "bronze", vary="length", lowest=440.0)
+
+
+@pytest.mark.parametrize("notes", ["C4,D4", "C4 D4", ["C4", "D4"], (261.0, 293.0)])
+def test_several_notes_are_refused_with_a_way_out(notes: object) -> None:
+    with pytest.raises(OptionError, match=r"call (tune|it) once for each"):
+        tune(SLENDER, STEEL, vary="length", lowest=notes)
 
 
 def test_rounding_in_the_elements_refuses_no_tuning() -> None:

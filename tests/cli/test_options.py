@@ -401,7 +401,7 @@ IDLE = {
     "info bx.sofa": "bx.sofa is missing, there is no file of that name: did you mean box.st",
     "render BAR --strikes comma.csv -o n": "row 1 of comma.csv: speed is 0,5: give one numb",
     "fit BAR": "bar.struck is a model, not a recording of one: give sound files",
-    "simulate BAR": "bar.struck is no text: give a scene in MJCF or URDF",
+    "simulate BAR": "bar.struck is a model (struck) and not a scene: struck info lists",
     "simulate scene.xml --seconds -1": "--seconds is -1.0: it must lie above 0",
     "analyze BAR --material ice": "bar.struck is a model, whose modes are known: struck info",
     "radiate BAR --band 20,21 -o n.struck": "no mode lies from 20 to 21 Hz: no timbre field is",

@@ -141,6 +141,8 @@ def analyze(
     recoil = recoil and method == "quadratic" and fixed is None
     progress("cutting the body into elements", 0.0)
     source = discretise(body, file, stages, **given)
+    below = resolution.coarser(getattr(source, "accuracy", "preview"))
+    solver = replace(solver, coarser=below)
     work = _Work(
         stages=stages,
         material=chosen,
@@ -239,7 +241,12 @@ class _Work:
         held, doubt = self.fixed is not None, self.material.doubt
         try:
             told = forecast.require_reasonable(
-                self.highest, nodes, held=held, asked=asked, recoils=self.recoils
+                self.highest,
+                nodes,
+                held=held,
+                asked=asked,
+                recoils=self.recoils,
+                coarser=self.solver.coarser,
             )
         except OptionError as error:
             raise type(error)(f"{doubt}; else {error}" if doubt else str(error)) from error
@@ -247,7 +254,7 @@ class _Work:
         if told:
             warnings.warn(told, ScaleWarning, stacklevel=4)
         self.stages.progress(ForecastStage.of(cost, cost.memory), 0.0)
-        factorisation.require(int(cost.memory / CERTAIN))
+        factorisation.require(int(cost.memory / CERTAIN), self.solver.coarser)
 
     def resolved(self, source: Discretisation) -> tuple[Elements, Modes]:
         """Return elements and their modes, with errors estimated by a coarser resolution too."""

@@ -6,6 +6,7 @@ The chimes of O'Brien et al. 2002 (Table 2, "adjusted") were tuned so by their l
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import partial
@@ -17,7 +18,7 @@ import numpy as np
 from struck.analysis.discretisation import Solid
 from struck.analysis.source_options import is_shape
 from struck.core.machine import in_few_threads
-from struck.errors import MeshError, NoModeError, OptionError, kind_of, nearest, rounded
+from struck.errors import COUNTED, MeshError, NoModeError, OptionError, kind_of, nearest, rounded
 from struck.model.arrays import Array, checked
 from struck.model.damping import hertz, ringing
 from struck.model.material import Material
@@ -93,8 +94,8 @@ class _Mode:
         if not known or family not in {"", *FAMILIES}:
             offer = nearest(family or number, FAMILIES)
             raise OptionError(
-                f"mode is {mode!r}: {offer}give its number, from 1, or a family with a number of "
-                f"its own, as 'bending 2': {', '.join(FAMILIES)}"
+                f"mode is {mode!r}: {offer}give its number, or a family with a number of its own, "
+                f"as 'bending 2': {', '.join(FAMILIES)}; {COUNTED}"
             )
         return cls(number=int(number), family=family)
 
@@ -210,7 +211,8 @@ def tune(
     Parameters
     ----------
     body : a body of struck.solids or struck.shapes
-        Or what makes it, whose arguments are varied, as ``functools.partial(bowl, radius=0.1)``.
+        Or what makes it, whose arguments are varied: a function whose arguments have defaults, or
+        ``functools.partial(bowl, radius=0.1)``.
     material : Material or str
     vary : str
         Name of the dimension, such as "length"; or of another number, as a string's "tension".
@@ -234,7 +236,9 @@ def tune(
     OptionError
         When the body has no such dimension or family, or it does not reach the frequency.
     """
-    given, body = body, _made(body)
+    _require_one(lowest, frequency)
+    given = _maker(body)
+    body = _made(given)
     if not (isinstance(body, Solid) or is_shape(body)):
         name = getattr(body, "__name__", type(body).__name__)
         raise OptionError(f"{name} has no dimensions to vary: {_WAY}")
@@ -296,6 +300,16 @@ def _approached(
     return points, best
 
 
+def _require_one(*wanted: object) -> None:
+    """Refuse several notes in a text, as "C4,D4"."""
+    for each in wanted:
+        if isinstance(each, str) and len(several := re.split(r"[,;\s]+", each.strip())) > 1:
+            raise OptionError(
+                f"{each!r} are {len(several)} notes, and one body is tuned at a time: call tune "
+                "once for each"
+            )
+
+
 def _wanted(lowest: float | str | None, frequency: float | str | None, mode: _Mode) -> float:
     """Return the wanted frequency, Hz, of one of two arguments."""
     if (lowest is None) == (frequency is None):
@@ -309,6 +323,23 @@ def _wanted(lowest: float | str | None, frequency: float | str | None, mode: _Mo
         raise OptionError(f"lowest is {lowest!r}, but mode is '{mode}': give frequency= of that")
     name, value = ("frequency", frequency) if lowest is None else ("lowest", lowest)
     return hertz(name, cast("float | str", value))
+
+
+def _maker(body: Any) -> Any:  # noqa: ANN401 - a body, or what makes one
+    """Return a body or a partial itself, and any other function as a partial of its defaults."""
+    if isinstance(body, partial | Solid) or is_shape(body) or not callable(body):
+        return body
+    name, taken = getattr(body, "__name__", "it"), inspect.signature(body).parameters.values()
+    variadic = {inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD}
+    needed = [
+        each.name for each in taken if each.default is each.empty and each.kind not in variadic
+    ]
+    if needed:
+        values = ", ".join(f"{each}=..." for each in needed)
+        raise OptionError(
+            f"{name} has no value for {', '.join(needed)}: give functools.partial({name}, {values})"
+        )
+    return partial(body)
 
 
 def _made(body: Any) -> Any:  # noqa: ANN401 - a body, or what makes one

@@ -41,6 +41,7 @@ from struck.files.atomic import read_bytes, write_bytes
 from struck.model.model import ModalModel
 from struck.model.provenance import ForecastStage
 from struck.perception.audibility import within_budget
+from struck.solids.resolution import coarser
 
 Facts = dict[str, Any]  # what a job tells, as JSON values
 GIB = 2**30
@@ -97,13 +98,15 @@ def _answer(asked: bytes, answers: IO[str]) -> None:
     threading.Thread(target=_listen, args=(allowed,), daemon=True).start()
     _confine(memory)
 
+    below = coarser(job.options.get("accuracy") or "standard")
+
     def wait(stage: str, _fraction: float) -> None:
         if isinstance(stage, ForecastStage):
             if memory is not None and stage.memory > CERTAIN * memory:
                 raise SolverError(
                     f"finding its modes needs about {stage.memory / GIB:.1f} GiB of memory, and it "
-                    f"may take {memory / GIB:.1f} GiB: give more memory=, a coarser accuracy, a "
-                    "narrower band or a simpler mesh"
+                    f"may take {memory / GIB:.1f} GiB: give more memory=, "
+                    f"{below}{', ' if below else ''}a narrower band or a simpler mesh"
                 )
             _tell(answers, forecast=stage.memory)
             allowed.wait()

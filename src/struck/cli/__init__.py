@@ -184,9 +184,10 @@ def _parsed(words: Sequence[str]) -> argparse.Namespace | str:
     )
     parser.add_argument("--version", action="store_true", help="print the version and end")
     if chosen and chosen not in COMMANDS:
+        meant = _COMMANDS_MEANT.get(chosen.lower())
+        offer = f"did you mean {meant}? " if meant else nearest(chosen, COMMANDS)
         raise OptionError(
-            f"struck has no command {chosen!r}: {nearest(chosen, COMMANDS)}there are "
-            f"{', '.join(COMMANDS)}"
+            f"struck has no command {chosen!r}: {offer}there are {', '.join(COMMANDS)}"
         )
     if words and chosen is None and not {"-h", "--help"} & {*words}:
         offer = nearest(words[0].lstrip("-"), ("help", "version"), "--{}")
@@ -196,11 +197,66 @@ def _parsed(words: Sequence[str]) -> argparse.Namespace | str:
         return parser.format_help()
     options, unknown = parser.parse_known_args(words)
     if unknown and one:
-        known = [name.lstrip("-") for name in one._option_string_actions]  # noqa: SLF001 - argparse has no public list
         name = unknown[0].partition("=")[0]
-        offer = nearest(name.lstrip("-"), known, "--{}") if name.startswith("-") else ""
+        offer = _meant(one, str(chosen), name.lstrip("-").lower()) if name[:1] == "-" else ""
         one.error(f"{one.prog} does not take {unknown[0]!r}: {offer}leave it out")
     return options
+
+
+# Commands and options that people type, and what they mean by them, where `nearest` knows no name.
+_COMMANDS_MEANT: Mapping[str, str] = {
+    **dict.fromkeys(("list", "ls"), "materials (of materials), analyze --list (of bodies)"),
+    **dict.fromkeys(("strike", "hit", "sound", "scrape", "roll", "pluck", "wav"), "render"),
+    **dict.fromkeys(("convert", "save", "write", "sofa"), "export"),
+    **dict.fromkeys(("model", "compute", "solve", "mesh", "modes", "modal"), "analyze"),
+    **dict.fromkeys(("view", "plot", "draw", "picture", "image"), "show"),
+    **dict.fromkeys(("listen", "live", "keyboard"), "play"),
+    **dict.fromkeys(("batch", "dataset", "data-set"), "analyze-many"),
+    **dict.fromkeys(("serve", "server", "gui", "room", "browser", "open"), "explore"),
+    **dict.fromkeys(("measure", "mic", "capture"), "record"),
+    **dict.fromkeys(("directivity", "field", "bem"), "radiate"),
+    **dict.fromkeys(("map", "bank"), "sound-map"),
+    **dict.fromkeys(("gallery", "example", "examples", "tutorial"), "demo"),
+    **dict.fromkeys(("material", "table"), "materials"),
+    **dict.fromkeys(("describe", "print", "stat", "parts"), "info"),
+    **dict.fromkeys(("scene", "physics", "mujoco"), "simulate"),
+    **dict.fromkeys(("note", "pitch", "optimize"), "tune"),
+    **dict.fromkeys(("diff",), "compare"),
+    **dict.fromkeys(("help",), "--help"),
+    **dict.fromkeys(("version",), "--version"),
+}
+_OPTIONS_MEANT: Mapping[str, tuple[str, str]] = {
+    # by option: one that the command must have, and what is meant
+    **{name: ("accuracy", f"--accuracy {name}") for name in ("preview", "standard", "fine")},
+    **dict.fromkeys(("fast", "draft", "quick", "rough"), ("accuracy", "--accuracy preview")),
+    **dict.fromkeys(("csv", "table", "machine"), ("json", "--json, a result for machines")),
+    **dict.fromkeys(
+        ("midi", "notes"),
+        ("strikes", "--strikes TABLE, of strikes with their names (MIDI is not read)"),
+    ),
+    **dict.fromkeys(("verbose", "v", "debug"), ("quiet", "--quiet, the opposite")),
+    **dict.fromkeys(("mono",), ("listener", "--listener, which is one ear")),
+}
+
+
+def _meant(parser: argparse.ArgumentParser, command: str, name: str) -> str:
+    """Return the option that an unknown one means: by its meaning, then by its spelling.
+
+    Between the two come other commands that have an option of that very name.
+    """
+    known = [each.lstrip("-") for each in parser._option_string_actions]  # noqa: SLF001 - argparse has no public list
+    needed, meant = _OPTIONS_MEANT.get(name, ("", ""))
+    if needed in known:
+        return f"did you mean {meant}? "
+    offer = nearest(name, known, "--{}", spelling=False)
+    if offer:
+        return offer
+    for other in COMMANDS:
+        parser = Parser()
+        declare(parser, other)
+        if other != command and f"--{name}" in parser._option_string_actions:  # noqa: SLF001 - as above
+            return f"--{name} is an option of struck {other}: "
+    return nearest(name, known, "--{}")
 
 
 def _declared(parser: Parser, chosen: str | None) -> Parser | None:

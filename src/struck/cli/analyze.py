@@ -110,8 +110,9 @@ def _listed() -> Result:
     every = {kind: arguments_of(maker) for kind, maker in makers().items()}
     rows = [("body", "needs", "may be given")]
     rows += [(kind, ", ".join(needed), ", ".join(more)) for kind, (needed, more) in every.items()]
+    others = f"corners as {CORNERS}; diameter= in place of radius="
     return Result(
-        [*aligned(rows), f"as {BODY}; two ends as bar:...,{ENDS}; corners as {CORNERS}"],
+        [*aligned(rows), f"as {BODY}; two ends as bar:...,{ENDS}; {others}"],
         bodies={kind: {"needs": needed, "takes": more} for kind, (needed, more) in every.items()},
     )
 

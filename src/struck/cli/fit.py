@@ -139,7 +139,7 @@ def _result(fitting: Fitting, written: list[str], *, output: str, report: str | 
         fitting.model,
         [ratio, *caution, *written],
         decay_errors=or_null(fitted.decay_errors),
-        of_room=None if fitting.room is None else np.flatnonzero(fitting.room).tolist(),
+        of_room=None if fitting.room is None else (np.flatnonzero(fitting.room) + 1).tolist(),
         modal=verdict.modal,
         reason=verdict.reason,
         signal_to_residual=verdict.signal_to_residual,

@@ -6,19 +6,26 @@ import argparse
 
 import struck
 from struck.cli import Result
-from struck.errors import rounded
+from struck.errors import MaterialError, require_choice, rounded
 from struck.model.html import aligned
 from struck.model.provenance import TerminalProgress
 
-EXAMPLES = ("--json",)
+EXAMPLES = ("--json", "steel oak")
 
 
-def declare(_parser: argparse.ArgumentParser) -> None:
-    """Add no options: `struck materials` has none of its own."""
+def declare(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `struck materials`."""
+    parser.add_argument("names", nargs="*", metavar="NAME", help="of materials; all if absent")
 
 
-def run(_options: argparse.Namespace, _progress: TerminalProgress) -> Result:
+def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
     """Run `struck materials`."""
+    known = struck.materials()
+    whole = " ".join(options.names)  # "cast iron" is one name, with quotes and without
+    names = [whole] if whole in known else options.names
+    for name in names:
+        require_choice("material", name, known, MaterialError)
+    listed = {name: known[name] for name in names or known}
     head = ("material", "kg/m3", "GPa", "Poisson", "tan phi", "heard")
     rows = [
         (
@@ -29,8 +36,10 @@ def run(_options: argparse.Namespace, _progress: TerminalProgress) -> Result:
             rounded(entry["loss_tangent"], 2),
             "yes" if "heard" in entry else "",
         )
-        for name, entry in struck.materials().items()
+        for name, entry in listed.items()
     ]
+    sources = [f"{name}: {listed[name]['source']}" for name in dict.fromkeys(names)]
     return Result(
-        aligned([head, *rows]), **{name: dict(e) for name, e in struck.materials().items()}
+        "\n".join([aligned([head, *rows]), *sources]),
+        **{name: dict(entry) for name, entry in listed.items()},
     )

@@ -16,7 +16,14 @@ from numpy.typing import ArrayLike
 from struck.ears.listeners import Binaural, Listener, Mono, Stereo, ascending
 from struck.ears.reverberation import Reverberation
 from struck.ears.room import Room
-from struck.errors import ArgumentError, FileFormatError, MaterialError, OptionError, nearest
+from struck.errors import (
+    COUNTED,
+    ArgumentError,
+    FileFormatError,
+    MaterialError,
+    OptionError,
+    nearest,
+)
 from struck.files.atomic import is_file, read_bytes
 from struck.model.arrays import UNITS, Array
 from struck.model.damping import InternalFriction, Rayleigh, hertz
@@ -78,7 +85,9 @@ def budget(text: str) -> int | None:
     with suppress(ValueError):
         if text == "all" or int(text) >= 1:
             return None if text == "all" else int(text)
-    raise argparse.ArgumentTypeError(f"it is {text!r}: give a whole number of at least 1, or all")
+    raise argparse.ArgumentTypeError(
+        f"it is {text!r}: give a whole number of at least 1, or all; {COUNTED}"
+    )
 
 
 def pitch(text: str) -> float:
@@ -184,9 +193,13 @@ def maker_named(text: str) -> str | partial[Body]:
         return text
     given = _given(rest, "N" if kind == "string" else "N/m")
     needed, more = arguments_of(maker)
+    if "radius" in {*needed, *more} and "diameter" in given:
+        given, rest = _with_radius(given, rest)
     if not set(needed) <= set(given) <= {*needed, *more}:
         unknown = next((name for name in given if name not in {*needed, *more}), "")
         offer = nearest(unknown, [*needed, *more], "{}=")
+        if kind == "bar" and unknown in {"radius", "diameter"}:
+            offer = "a round bar is rod:length=...,radius=...; else "
         offer = f"it has no {unknown}=: {offer}" if unknown else ""
         wanted = ",".join(f"{name}={_FORMS.get(name, '...')}" for name in needed or more)
         besides = f" and, if wanted, {', '.join(more)}" if needed and more else ""
@@ -198,6 +211,17 @@ def maker_named(text: str) -> str | partial[Body]:
             given[name] = bool(value)
     _require_possible(maker, given, rest)
     return partial(maker, **given)
+
+
+def _with_radius(given: dict[str, Any], text: str) -> tuple[dict[str, Any], str]:
+    """Return arguments with half the diameter as radius, and the text that says so."""
+    if "radius" in given:
+        raise OptionError(
+            f"radius is {given['radius']} and diameter is {given['diameter']}: give one of the two"
+        )
+    half = given["diameter"] / 2 if isinstance(given["diameter"], float) else given["diameter"]
+    others = {name: value for name, value in given.items() if name != "diameter"}
+    return {**others, "radius": half}, re.sub(r"(^|,)\s*diameter\b", r"\1radius", text)
 
 
 def _require_possible(maker: Callable[..., Body], given: dict[str, Any], text: str) -> None:
@@ -296,6 +320,7 @@ def add_listener(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--hrtf", help="two measured ears: kemar, or a SOFA file")
     group.add_argument("--head", help="two ears on a ball: exact, woodworth or simple1998")
+    group.add_argument("--stereo", action="store_true", help="two ears, as by --head exact")
 
 
 def add_budget(parser: argparse.ArgumentParser) -> None:
@@ -365,6 +390,9 @@ def listener(
     FileFormatError
         On a walk that cannot be read.
     """
+    if options.stereo:
+        refuse(options, ("hrtf", "head"), "has two ears already: leave out --stereo")
+        options.head = "exact"
     for one, other, what in (("listener", "walk", "places"), ("hrtf", "head", "heads")):
         first, second = getattr(options, one), getattr(options, other)
         if first and second:
@@ -377,7 +405,7 @@ def listener(
     if options.head:
         return Stereo(**standing, head=options.head)
     if options.facing:
-        raise OptionError("--facing needs two ears: give --hrtf kemar, or --head exact")
+        raise OptionError("--facing needs two ears: give --stereo, --hrtf kemar, or --head exact")
     return Mono(position=course) if walk else course
 
 

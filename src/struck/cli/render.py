@@ -34,7 +34,7 @@ from struck.excitation.pluck import Pluck
 from struck.excitation.scrape import Roll, Scrape
 from struck.excitation.strike import Strike
 from struck.files.atomic import writable
-from struck.files.model_file import require_no_sound
+from struck.files.model_file import require_model
 from struck.files.sound import FULL_SCALE
 from struck.files.sound_formats import ENDINGS, chosen
 from struck.files.sound_set import OF_A_SOUND, TABLE, require_names, save_set
@@ -106,7 +106,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck render`."""
-    require_no_sound(options.model)
+    require_model(options.model)
     if options.strikes:
         return _set(options, progress)
     refuse(options, ["sounds"], "is for --strikes, which is not given: give it")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,13 +12,14 @@ import numpy as np
 import struck
 from struck.cli import Result
 from struck.cli.options import length, place, refuse
-from struck.errors import OptionError
+from struck.errors import COUNTED, OptionError, nearest
 from struck.files.atomic import writable
 from struck.model.chart import Chart
 from struck.model.provenance import TerminalProgress
 from struck.recordings import read_plan
 from struck.report import grid_picture
 from struck.report.charts import PICTURES, save
+from struck.report.model_pictures import BRIGHTNESS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,12 +39,18 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", help="model; or the .toml plan of a measurement")
     parser.add_argument("-o", "--output", help="picture; MODEL.png unless given")
     parser.add_argument(
-        "--field", help="of a timbre field: number of a mode for its directivity, or brightness"
+        "--field",
+        help="of a timbre field: a mode's number, from 1, for its directivity; or brightness",
     )
     parser.add_argument("--strike", metavar="PLACE", type=place, help="how the surface moves then")
-    parser.add_argument("--modes", type=int, metavar="N", help="shapes of the first N modes alone")
     parser.add_argument(
-        "--nodal-lines", type=int, metavar="N", help="of the first N modes, from the broad side"
+        "--modes", type=count_of_modes, metavar="N", help="shapes of the first N modes alone"
+    )
+    parser.add_argument(
+        "--nodal-lines",
+        type=count_of_modes,
+        metavar="N",
+        help="of the first N modes, from the broad side",
     )
     parser.add_argument(
         "--pitch", type=length, help="of a plan, m a unit of its contacts, where names tell no unit"
@@ -63,18 +71,38 @@ def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
     if planned:
         save(_planned(options.model, options.pitch), output)
         return Result(f"wrote {output}", output=str(output))
-    field = int(options.field) if (options.field or "").isdigit() else options.field
     strike = None if options.strike is None else struck.Strike(at=options.strike)
     model = struck.load(options.model)
     struck.show(
         model,
         output,
-        field=field,
+        field=_field(options.field, len(model.frequencies)),
         strike=strike,
         modes=options.modes,
         nodal_lines=options.nodal_lines,
     )
     return Result(f"wrote {output}", output=str(output))
+
+
+def count_of_modes(text: str) -> int:
+    """Return how many modes are meant, at least 1."""
+    with suppress(ValueError):
+        if int(text) >= 1:
+            return int(text)
+    raise argparse.ArgumentTypeError(f"it is {text!r}: give a whole number; {COUNTED}")
+
+
+def _field(text: str | None, count: int) -> int | str | None:
+    """Return the index, from 0, of the mode with a number, from 1; or the word for brightness."""
+    if text is None or text == BRIGHTNESS:
+        return text
+    with suppress(ValueError):
+        if 1 <= int(text) <= count:
+            return int(text) - 1
+    raise OptionError(
+        f"--field is {text}: {nearest(text, [BRIGHTNESS])}give a mode's number, up to {count}, or "
+        f"{BRIGHTNESS}; {COUNTED}"
+    )
 
 
 def _planned(path: str, pitch: float | None) -> Figure:

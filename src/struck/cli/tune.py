@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 
 from struck.analysis import tune
 from struck.cli import Result
@@ -27,12 +28,28 @@ def declare(parser: argparse.ArgumentParser) -> None:
         required=True,
         help="a length of the body by name; of a block length, width, height",
     )
-    parser.add_argument("--lowest", type=pitch, help="of the lowest mode: Hz, or a note as A5")
-    parser.add_argument("--frequency", type=pitch, help="of --mode instead")
+    parser.add_argument(
+        "--note",
+        "--lowest",
+        dest="lowest",
+        type=one_pitch,
+        help="of the lowest mode: Hz, or a note as A5",
+    )
+    parser.add_argument("--frequency", type=one_pitch, help="of --mode instead")
     parser.add_argument(
         "--mode", default="1", help="number, from 1, or of a family, as 'bending 2' or torsion"
     )
     parser.add_argument("--accuracy", help="of solids: preview, standard (default) or fine")
+
+
+def one_pitch(text: str) -> float:
+    """Return a frequency in Hz; a list of several is refused."""
+    if len(several := [each for each in re.split(r"[,;\s]+", text) if each]) > 1:
+        raise argparse.ArgumentTypeError(
+            f"it is {text!r}: one body is tuned at a time, so run struck tune once for each note, "
+            f"as {several[0]}"
+        )
+    return pitch(text)
 
 
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:

@@ -161,6 +161,7 @@ _HINTS = {
     ("memory", "a number"): ", in bytes, as 2e9",
     ("recordings", "text"): "; an array as Sound(samples=array, sample_rate=48000)",
     ("up", "text"): ", as up='z'",
+    ("lowest", "a number"): ", of one note: call it once for each of several",
 }
 _BOUND = {"self", "cls"}  # what nobody gives
 _BITS = 1023  # of the largest whole number that fits one of double precision

@@ -185,8 +185,9 @@ def solved(
     thin = walls.thinnest
     if thin < THINNEST:
         raise MeshError(
-            f"a wall is {thin:.3f} of the boundary elements on it, of {THINNEST} at least: give "
-            "the body a thicker wall=, or take radiation='power'"
+            f"a wall is {thin:.3f} of the boundary elements on it, of {THINNEST} at least: keep "
+            "the model as it is, whose estimate of radiation needs no elements, or analyze the "
+            "body with a finer accuracy= or a thicker wall="
         )
     own = np.broadcast_to(np.asarray(wave_numbers, np.float64), len(modes)).copy()
     mean, flows = float(own.mean()), _flows(own, velocities, air)

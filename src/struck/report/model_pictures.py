@@ -256,8 +256,8 @@ def grid_picture(
 def _directivity(model: ModalModel, mode: int | str) -> Figure:
     if isinstance(mode, str) or not 0 <= mode < len(model.frequencies):
         raise OptionError(
-            f"field is {mode!r}: give the number of a mode, 0 to {len(model.frequencies) - 1}, or "
-            f"{BRIGHTNESS!r}"
+            f"field is {mode!r}: give the index of a mode, from 0 to {len(model.frequencies) - 1}, "
+            f"or {BRIGHTNESS!r}"
         )
     polar, around = np.meshgrid(
         np.linspace(0, np.pi, _POLAR), np.linspace(0, 2 * np.pi, _AROUND + 1), indexing="ij"

@@ -43,6 +43,13 @@ def level(accuracy: str) -> int:
     return ACCURACIES.index(accuracy)
 
 
+def coarser(accuracy: str) -> str:
+    """Return the accuracies below one as an argument, "" for the coarsest."""
+    below = reversed(ACCURACIES[: ACCURACIES.index(accuracy)]) if accuracy in ACCURACIES else ()
+    names = " or ".join(map(repr, below))
+    return f"accuracy={names}" if names else ""
+
+
 def require_length(name: str, value: float) -> None:
     """Raise OptionError unless `value` is a positive, finite length in m."""
     wanted = f"it must exceed 0, and {_SHORTEST:g} m are the least that is computed"
@@ -345,12 +352,13 @@ class Forecast:
         held: bool = False,
         asked: bool = True,
         recoils: bool = False,
+        coarser: str = "",
     ) -> str:
         """Return a warning about the scale, or ""; raise OptionError where the scale must be wrong.
 
         `highest`, Hz, is the end of the band, which a person has `asked` for or not; a body that is
         held has lower modes, one that `recoils` is heard without any. The `nodes` are those of
-        each set of its elements.
+        each set of its elements, which `coarser` settings make fewer, "" if there are none.
         """
         count, least = self.modes(highest), self.lowest / _LEAST / (_HELD if held else 1.0)
         if least > highest:
@@ -370,7 +378,8 @@ class Forecast:
             f"end the band lower, as in band=(20, {end:.0f})" if end > 20 else "check its lengths"
         )
         lower = f"{self._unit(highest)}{lower}"
-        ways = lower if end < highest else "take a coarser accuracy"
+        coarsest = "simplify the mesh, or take a narrower band="
+        ways = lower if end < highest else f"take {coarser}" if coarser else coarsest
         if count > MOST_MODES:
             raise OptionError(f"{told}, and at most {MOST_MODES:,} are computed: {ways}")
         told = f"{told}, which take {cost.effort}: {ways}"

@@ -91,7 +91,7 @@ def test_what_does_not_fit_is_refused_before_it_begins(monkeypatch: pytest.Monke
     stages: list[str] = []
     monkeypatch.setattr(factorisation, "available", lambda: 2**20)
     block = Block(size=(1, 1, 1), elements=(4, 4, 4)).volume_mesh()
-    with pytest.raises(SolverError, match=r"needs about .* GiB .* are free: use a coarser mesh"):
+    with pytest.raises(SolverError, match=r"needs about .* GiB .* are free: use a simpler mesh"):
         vibration_modes(
             block,
             UNIT,

@@ -73,6 +73,7 @@ class Link:
     material: str  # the file's name for what it is made of
     why_silent: str = ""
     plane: bool = False  # whether it is a plane, that of z = 0 of its placement
+    welded: tuple[str, ...] = ()  # names of the file's other bodies that are part of it
 
 
 def links_of(model: mujoco.MjModel) -> list[Link]:
@@ -117,6 +118,7 @@ def _link(model: mujoco.MjModel, name: str, frame: int, geoms: Index, *, is_body
     placements = [_in_frame(model, geom, frame if is_body else None) for geom in sounding]
     material = next((m for m in (_material(model, g) for g in (*sounding, *geoms)) if m), "")
     shape, placement, why = _shape(model, sounding, placements)
+    parts = {int(model.geom_bodyid[geom]) for geom in geoms} - {frame} if is_body else set()
     return Link(
         name=name,
         frame=frame,
@@ -128,6 +130,7 @@ def _link(model: mujoco.MjModel, name: str, frame: int, geoms: Index, *, is_body
         material=material,
         why_silent=why,
         plane=len(sounding) == 1 and model.geom_type[sounding[0]] == _PLANE,
+        welded=tuple(_name(model, part, is_body=True) for part in sorted(parts)),
     )
 
 

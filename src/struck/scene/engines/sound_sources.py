@@ -59,8 +59,11 @@ class SoundOptions:
     cache: bool | str | os.PathLike[str] = True
     progress: Progress = silent
 
-    def require_known(self, names: Sequence[str]) -> None:
-        """Refuse patterns that fit no body, or only bodies whose finished models need no more."""
+    def require_known(self, names: Sequence[str], welded: Mapping[str, str] | None = None) -> None:
+        """Refuse patterns that fit no body, or only bodies whose finished models need no more.
+
+        `welded` names the bodies of a file that are part of another one, with that one's name.
+        """
         finished = [name for name in names if _is_finished(_chosen(self.models, name))]
         tables = {
             "materials": self.materials if isinstance(self.materials, Mapping) else {},
@@ -73,6 +76,13 @@ class SoundOptions:
         for option, table in tables.items():
             for pattern in table or ():
                 fitting = [name for name in names if fnmatchcase(name, pattern)]
+                part = next((each for each in welded or () if fnmatchcase(each, pattern)), None)
+                if not fitting and welded and part is not None:
+                    raise OptionError(
+                        f"{option} names {pattern!r}, and {part!r} is welded to {welded[part]!r}: "
+                        "the two ring as one body, of one material; name that one, or give the "
+                        "file a joint between them"
+                    )
                 if not fitting:
                     raise OptionError(
                         f"{option} names {pattern!r}: {nearest(pattern, names)}give one of "
@@ -129,7 +139,8 @@ class SoundSources:
         No mode is computed here; finished models are loaded.
         """
         options = self._options
-        options.require_known([link.name for link in links])
+        welded = {part: link.name for link in links for part in link.welded}
+        options.require_known([link.name for link in links], welded)
         options.require_possible()
         for link in links:
             given = _chosen(options.models, link.name)

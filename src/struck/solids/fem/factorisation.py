@@ -41,14 +41,17 @@ def forecast(
     return max(_ENTRY * entries + factor, iterating) + 8 * shown
 
 
-def require(needed: int) -> None:
-    """Raise SolverError when more bytes are needed than are known to be free."""
+def require(needed: int, coarser: str = "") -> None:
+    """Raise SolverError when more bytes are needed than are known to be free.
+
+    The message offers the `coarser` settings, if there are any.
+    """
     free = available()
     if free is not None and needed > free:
         raise SolverError(
             f"finding the modes needs about {needed / GIB:.1f} GiB of memory, but "
-            f"{free / GIB:.1f} GiB are free: use a coarser mesh (accuracy='standard' or "
-            "'preview'), a thicker wall, a narrower band=, or a machine with more memory"
+            f"{free / GIB:.1f} GiB are free: use {coarser}{', ' if coarser else ''}a simpler mesh, "
+            "a thicker wall, a narrower band=, or a machine with more memory"
         )
 
 

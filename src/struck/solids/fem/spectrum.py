@@ -265,6 +265,7 @@ class Solver:
     backend: str = "auto"  # sparse factorisation: "auto", "rslab" or "superlu"
     dense_limit: int = DENSE_LIMIT  # up to so many unknowns LAPACK takes the whole matrix
     slice_limit: int = SLICE_LIMIT  # more modes are found slice by slice
+    coarser: str = ""  # settings that need less memory, which messages offer
 
 
 class Search:
@@ -342,7 +343,7 @@ class Search:
             modes=modes,
             shown=self._shown * self.counted,
         )
-        factorisation.require(self.forecast)
+        factorisation.require(self.forecast, self.solver.coarser)
 
 
 def _full(system: System) -> tuple[Array, Array]:
