@@ -178,11 +178,11 @@ USES: dict[str, tuple[Callable[[], object], tuple[str, ...]]] = {
     ),
     "26 a sound as a model": (
         shell("render", "w.wav"),
-        ("w.wav is a sound (WAV) and not a model", "struck fit"),
+        ("w.wav is a sound .WAV. and not a model", "struck fit"),
     ),
     "26 a sound by the name of a model": (
         shell("render", "sound.struck"),
-        ("sound.struck", "is a sound (WAV) and not a model", "end its name in .wav", "struck fit"),
+        ("sound.struck", "is a sound .WAV. and not a model", "end its name in .wav", "struck fit"),
     ),
     "a formula of some accuracy": (
         lambda: struck.analyze(BAR, "steel", accuracy="fine"),
