@@ -40,6 +40,6 @@ def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
     ]
     sources = [f"{name}: {listed[name]['source']}" for name in dict.fromkeys(names)]
     return Result(
-        "\n".join([aligned([head, *rows]), *sources]),
+        [*aligned([head, *rows]), *sources],
         **{name: dict(entry) for name, entry in listed.items()},
     )

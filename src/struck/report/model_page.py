@@ -47,7 +47,8 @@ def summary(model: ModalModel, *, whole: bool = True) -> list[str]:
     limit = f"none missing up to {model.complete_to:.0f} Hz"
     known = limit if model.complete_to else "others may be missing"
     lines = [f"{counted(np.count_nonzero(own), 'mode')}, {known}"]
-    blow = np.isin(np.arange(len(own)), model.provenance.details.get("blow", []))
+    indices = np.asarray(model.provenance.details.get("blow", ()), int)
+    blow = np.isin(np.arange(len(own)), indices)
     vague = ~(own | blow)
     if blow.any():
         lines.append(f"blow      {counted(np.count_nonzero(blow), 'further mode')} in its place")

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from struck.errors import OptionError, rounded
-from struck.model.arrays import Array, require_number
+from struck.model.arrays import require_number
 
 FADE = 0.01  # s, by default; below 20 ms a fade is heard as an end, not as a decay
 _DECAYED = 10 ** (-60 / 20)  # level of the end over the peak, below which a sound has decayed
@@ -26,7 +27,7 @@ def require_fade(fade: float | None, seconds: float | None) -> None:
         )
 
 
-def is_cut_off(samples: Array, sample_rate: int) -> bool:
+def is_cut_off(samples: NDArray[np.floating], sample_rate: int) -> bool:
     """Return whether samples (C, n) end less than 60 dB below their peak."""
     peak = float(np.abs(samples).max(initial=0.0))
     end = samples[:, -max(1, round(_LOOKED_AT * sample_rate)) :]
@@ -34,7 +35,9 @@ def is_cut_off(samples: Array, sample_rate: int) -> bool:
     return peak > 0 and float(levels.max()) > _DECAYED * peak
 
 
-def faded(samples: Array, sample_rate: int, fade: float | None) -> Array:
+def faded(
+    samples: NDArray[np.floating], sample_rate: int, fade: float | None
+) -> NDArray[np.floating]:
     """Return samples (C, n) whose last `fade` seconds go to 0; half of a sound shorter than 20 ms.
 
     The gain is cos^4: a tenth before the end it has fallen by 64 dB.
@@ -51,7 +54,7 @@ def faded(samples: Array, sample_rate: int, fade: float | None) -> Array:
     return ended
 
 
-def level_note(samples: Array) -> tuple[str, ...]:
+def level_note(samples: NDArray[np.floating]) -> tuple[str, ...]:
     """Return a note on the level of samples in Pa that are too soft to be heard; none of others."""
     peak = float(np.abs(samples).max(initial=0.0))
     if peak >= _INAUDIBLE:

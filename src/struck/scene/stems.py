@@ -24,11 +24,12 @@ def save_stems(scene: Scene, path: Path, *, factor: float, **heard: Any) -> list
     fade = heard.pop("fade", None)
     excited = {n: body for n, body in scene.bodies.items() if not body.silent and body.actions}
     stems = {name: render([body], **heard, fade=0) for name, body in excited.items()}
-    lengths = [sound.samples.shape[1] for sound in stems.values()]
-    total = sum(
-        np.pad(sound.samples, ((0, 0), (0, max(lengths) - length)))
-        for sound, length in zip(stems.values(), lengths, strict=True)
-    )
+    longest = max((sound.samples.shape[1] for sound in stems.values()), default=0)
+    padded = [
+        np.pad(sound.samples, ((0, 0), (0, longest - sound.samples.shape[1])))
+        for sound in stems.values()
+    ]
+    total = np.sum(padded, axis=0)
     written = []
     for name, sound in stems.items():
         samples = sound.samples
