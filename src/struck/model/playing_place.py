@@ -21,7 +21,7 @@ _LONGEST = 10.0  # s: the longest sound that `struck.render` makes of a strike b
 _HIGHEST = 24e3  # Hz: half the default sample rate, from which modes are left out of a sound
 _MOST_FACES = 1000  # that are tried, evenly among all: they lie a thirtieth of a body apart
 _ONE_LINE = 2e-3  # of the frequency: closer modes, as twins, make one line of a spectrum
-# Which of the lowest lines count, and how: chosen by the figures of 45 bodies (closed forms, solids
+# Which of the lowest lines count, and how: chosen by the figures of 42 bodies (closed forms, solids
 # and meshes), so that the lines that can come within 20 dB of the strongest one do.
 _LINES = 3
 _HEARD = -30.0  # dB re the strongest line: what is weaker at every place does not count

@@ -259,7 +259,11 @@ def _blow(at: Place, strike: Strike | None) -> Strike:
 
 
 def _same_place(strike: Strike, model: ModalModel, other: ModalModel) -> Strike:
-    """Return the strike at the same place of another model, by name or by shares of its box."""
+    """Return the strike at the same place of another model, by name or by fractions of its box.
+
+    If no place is given and that one moves no mode of the other, as the side of a bar that moves
+    up and down alone, the other is struck at its own default place.
+    """
     surface, named = other.gains, isinstance(strike.at, str) and ":" not in strike.at
     if model.geometry is None or other.geometry is None or not isinstance(surface, ShapeGains):
         return strike  # recorded coordinates, or each its own place
@@ -269,6 +273,8 @@ def _same_place(strike: Strike, model: ModalModel, other: ModalModel) -> Strike:
     (low, high), (least, most) = model.geometry.bounds, other.geometry.bounds
     shares = (contact.point - low) / np.maximum(high - low, np.finfo(float).tiny)
     _, _, nearest = surface.locator.closest((least + shares * (most - least))[None])
+    if strike.at is None and not surface.at(nearest[:1], contact.direction[None]).any():
+        return strike
     return replace(strike, at=nearest[0], direction=contact.direction)
 
 
