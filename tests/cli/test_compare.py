@@ -69,7 +69,7 @@ def test_a_body_beside_itself_at_another_contact(body: Path) -> None:
 def test_people_read_the_summary_and_get_a_page(body: Path, tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     told = struck_compare(body / "model.struck", body / "real.wav", "-o", page)
-    lines = told.text.splitlines()
+    lines = told.lines
     assert lines[-1] == f"wrote {page}"
     assert told.facts["output"] == str(page)
     written = page.read_text(encoding="utf-8")

@@ -295,7 +295,7 @@ def test_the_shell_exports_gains(saved: Path) -> None:
     places = ("--listeners", "0,2,0", "0,0,3", "--listeners=-1,1,0.5", "--title", "Ball")
     with pytest.warns(LossWarning):
         told = struck_export(saved, "--contacts", "top", "side", *places, "--licence", "CC0-1.0")
-    assert told.text == f"wrote {path}"
+    assert told.lines == [f"wrote {path}"]
     assert told.facts == {
         "output": str(path),
         "convention": "GeneralTF-E",
@@ -322,7 +322,7 @@ def test_the_shell_exports_responses(saved: Path, tmp_path: Path) -> None:
         "--convention", "GeneralFIR-E", "--seconds", 0.1, "--rate", 4000,
     )  # fmt: skip
     assert told.facts["left_out"] == beyond > 0
-    assert f"{beyond} modes at or above 2000 Hz left out" in told.text
+    assert f"{beyond} modes at or above 2000 Hz left out" in "\n".join(told.lines)
     assert verified(path).GLOBAL_SOFAConventions == "GeneralFIR-E"
     assert load_sofa_responses(path).samples.shape == (1, 1, 400)
 
@@ -368,7 +368,7 @@ def test_what_a_file_of_gains_holds_is_told(tmp_path: Path) -> None:
     """As `struck info` tells it."""
     model_file.save_model(field().model(), tmp_path / "vase.sofa")
     told = described(model_file.load_model(tmp_path / "vase.sofa"), "")
-    assert told.text.startswith("25 modes")
+    assert told.lines[0].startswith("25 modes")
     assert told.facts["frequencies"] == field().frequencies.tolist()
     assert told.facts["decays"] == field().decays.tolist()
 

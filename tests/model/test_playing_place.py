@@ -126,7 +126,7 @@ def test_low_modes_of_a_bare_strike_lie_within_20_db_of_the_strongest_line(name:
     assert lines.min() >= -20.0, (contact.place, lines)
     told = struck.render(model, Strike(), seconds=0.01).notes
     speaks = "" if contact.name else ", where its lowest modes speak most"
-    assert told[-1] == f"struck at {contact.place}{speaks}: no place was given"
+    assert told[-1] == f"struck at {contact.place}{speaks}; no place was given"
     np.testing.assert_array_equal(contact.direction, -contact.normal)
 
 

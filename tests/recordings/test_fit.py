@@ -78,7 +78,7 @@ def test_a_rendered_strike_is_the_recording() -> None:
     recorded = hit(0.05, level=70)
     made = fitting(recorded)
     played = struck.render(
-        made.model, Strike(impulse=1.0, duration=0.0), seconds=0.5, sample_rate=RATE
+        made.model, Strike(impulse=1.0, duration=0.0), seconds=0.5, sample_rate=RATE, fade=0
     )
     start = round((ONSET + made.lead) * RATE)
     original = recorded.samples[0, start : start + played.samples.shape[1]]

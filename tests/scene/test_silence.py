@@ -133,7 +133,7 @@ def test_excitations_beside_a_body_are_those_of_the_body(actions: object, listen
         assert sound.notes == inside.notes
 
 
-STRIKE = Strike(impulse=0.01)
+STRIKE = Strike(at="top", impulse=0.01)
 STRUCK = Body(model=BLOCK, excitations=STRIKE)
 
 

@@ -16,6 +16,7 @@ from struck.errors import rounded
 from struck.model.arrays import Array, Index, Mask
 from struck.model.gains import ShapeGains
 from struck.model.mesh import Mesh
+from struck.model.picture_style import in_default_style
 from struck.report.charts import FAINT, INK, chart, hertz
 
 if TYPE_CHECKING:
@@ -113,6 +114,7 @@ def _border(faces: Index) -> Index:
     return edges[counts == 1]
 
 
+@in_default_style
 def draw_nodal_lines(gains: ShapeGains, frequencies: Array, title: str) -> Figure:
     """Draw the first modes from their broad side: nodal lines, and which way each part moves."""
     from matplotlib.collections import LineCollection

@@ -362,21 +362,19 @@ def unused_roughness(bodies: Sequence[Body]) -> tuple[str, ...]:
     return tuple(f"roughness={body.roughness!r}{told}" for body in bodies if body.roughness)[:1]
 
 
-def default_places(bodies: Sequence[Body]) -> tuple[str, ...]:
-    """Return notes of the places where excitations without a place touch bodies."""
-    notes = {}
-    for body in bodies:
-        model = body.model
-        bare = [action for action in body.actions if getattr(action, "at", "") is None]
-        if not bare or not isinstance(model, ModalModel):
-            continue
-        contact = model.contact()
-        if not contact.point.size:  # recorded at one place
-            continue
-        speaks = not (model.recorded or contact.name)
-        where = f"{contact.place}{', where its lowest modes speak most' if speaks else ''}"
-        notes |= {f"{_VERBS.get(type(each).__name__, 'touched')} at {where}": None for each in bare}
-    return tuple(f"{note}: no place was given" for note in notes)
+def default_places(body: Body) -> tuple[str, ...]:
+    """Return notes of the default place where excitations without a place touch a body."""
+    model = body.model
+    bare = [action for action in body.actions if getattr(action, "at", "") is None]
+    if not bare or not isinstance(model, ModalModel):
+        return ()
+    contact = model.contact()
+    if not contact.point.size:  # recorded at one place
+        return ()
+    speaks = not (model.recorded or contact.name)
+    where = f"{contact.place}{', where its lowest modes speak most' if speaks else ''}"
+    verbs = dict.fromkeys(_VERBS.get(type(action).__name__, "touched") for action in bare)
+    return tuple(f"{verb} at {where}; no place was given" for verb in verbs)
 
 
 _VERBS = {"Strike": "struck", "Pluck": "plucked", "Hold": "held"}

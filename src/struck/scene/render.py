@@ -128,13 +128,14 @@ def render(
     if fade != 0 and is_cut_off(samples, sample_rate):
         samples = faded(samples, sample_rate, fade)
     told = lost + told + notes
+    places = () if logged else _by_body([default_places(body) for body in bodies], names)
     if calibrated and (samples.any() or not told):
         told += level_note(samples)
     return Sound(
         samples=samples.astype(np.float32),
         sample_rate=sample_rate,
         calibrated=calibrated,
-        notes=told + (() if logged else default_places(bodies)),
+        notes=told + places,
     )
 
 
@@ -744,11 +745,7 @@ def _notes(
     notes: Sequence[tuple[str, ...]], calibrated: Sequence[bool], names: Sequence[str]
 ) -> tuple[str, ...]:
     """Return the notes of bodies, with their names if there are any."""
-    if names:
-        named = zip(names, notes, strict=True)
-        lines = gathered((name, note) for name, some in named for note in some)
-    else:
-        lines = tuple(note for some in notes for note in some)
+    lines = _by_body(notes, names)
     if any(calibrated) and not all(calibrated):
         relative = (
             f"{calibrated.count(False)} of {len(calibrated)} bodies have relative gains, the "
@@ -756,3 +753,11 @@ def _notes(
         )
         return (*lines, relative)
     return lines
+
+
+def _by_body(notes: Sequence[tuple[str, ...]], names: Sequence[str]) -> tuple[str, ...]:
+    """Return the notes of bodies one after the other, gathered by name if there are names."""
+    if names:
+        named = zip(names, notes, strict=True)
+        return gathered((name, note) for name, some in named for note in some)
+    return tuple(note for some in notes for note in some)
