@@ -92,7 +92,7 @@ def test_what_has_no_field_or_no_such_mode_is_told() -> None:
     with pytest.raises(OptionError, match="no timbre field"):
         struck.show(plain_ball(model.natural_frequencies), field=0)
     for wrong in (6, -1, "loudness"):
-        with pytest.raises(OptionError, match="number of a mode, 0 to 5, or 'brightness'"):
+        with pytest.raises(OptionError, match="index of a mode, from 0 to 5, or 'brightness'"):
             struck.show(model, field=wrong)
 
 

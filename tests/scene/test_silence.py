@@ -133,7 +133,7 @@ def test_excitations_beside_a_body_are_those_of_the_body(actions: object, listen
         assert sound.notes == inside.notes
 
 
-STRIKE = Strike(at="top", impulse=0.01)
+STRIKE = Strike(impulse=0.01)
 STRUCK = Body(model=BLOCK, excitations=STRIKE)
 
 
@@ -185,15 +185,19 @@ def test_notes_name_bodies_and_equal_ones_are_one_line() -> None:
     bodies |= {"marble": Body(model=replace(die, complete_to=800.0), **hit), "block": STRUCK}
     alone = "so that its recoil alone is heard"
     sound = struck.render(Scene(bodies=bodies), listener=Mono(position=(0, -1, 0)), seconds=0.05)
-    assert sound.notes == (
+    assert sound.notes[:3] == (
         "c0 to c3: no modes up to 20 kHz, so that their recoil alone is heard",
         f"marble: no modes up to 800 Hz, {alone}",
+        "c0 to c3 and marble: struck at the top; no place was given",
     )
+    assert sound.notes[3].startswith("block: struck at ")
+    assert len(sound.notes) == 4
     listed = [Body(model=die, **hit), STRUCK, Body(model=die, **hit)]
     sound = struck.render(listed, listener=Mono(position=(0, -1, 0)), seconds=0.05)
     assert sound.notes[0].startswith("body 0 and body 2: no modes up to 20 kHz, so that their r")
     single = struck.render(listed[0], listener=Mono(position=(0, -1, 0)), seconds=0.05)
-    assert single.notes == (f"no modes up to 20 kHz, {alone}",)
+    assert single.notes[0] == f"no modes up to 20 kHz, {alone}"
+    assert single.notes[1:] == ("struck at the top; no place was given",)
 
 
 def test_impacts_below_a_millionth_of_the_largest_are_counted_and_not_listed() -> None:
