@@ -28,7 +28,7 @@ from struck.errors import FileFormatError, OptionError, StruckError
 from tests.batch.bodies import PAPER, QUICK, TABLE, bar, box, eight, many
 from tests.folders import closed_to_writing
 
-STRUCK = {"strikes": 5, "seconds": 0.05, "seed": 3}
+STRUCK = {"strikes": 5, "seconds": 0.05, "seed": 3, "fade": 0.02}
 MODELS = {
     *("bar.struck", "below/thin.struck", "long.struck", "copy.struck", "dirty.struck"),
     *("die.struck", "pair-0.struck", "pair-1.struck"),
@@ -77,6 +77,7 @@ def by_hand(file: Path, label: Mapping[str, Any]) -> struck.Sound:
         seconds=float(label["seconds"]),
         sample_rate=int(label["sample_rate"]),
         listener=[float(label[f"listener_{x}"]) for x in "xyz"],
+        fade=float(label["fade"]),
     )
 
 

@@ -54,6 +54,7 @@ def analyze_many(
     seconds: float = 1.0,
     sample_rate: int = 48_000,
     sounds: str = "wav",
+    fade: float | None = None,
     labels: str = "labels.csv",
     resume: bool = True,
     processes: int | None = None,
@@ -92,6 +93,9 @@ def analyze_many(
     seconds, sample_rate, sounds : float, int, str
         Length of each sound, s, its rate, Hz, and "wav", "flac" (24 bit, struck[recordings]) or
         "npz" (one array of all sounds of a model).
+    fade : float, optional
+        Duration of the fade of sounds that are cut off, s, as for `struck.render`; 0 for none.
+        Default: 10 ms.
     labels : str
         Table in `out` of what was struck where, how and heard from where: ``.csv``, or ``.parquet``
         (struck[parquet]).
@@ -127,7 +131,7 @@ def analyze_many(
     wanted = None
     require_known(options, "analyze_many", (*OPTIONS, *[*signature(analyze_many).parameters][:-1]))
     usual = {"seed": (seed, 0), "seconds": (seconds, 1.0), "sample_rate": (sample_rate, 48_000)}
-    usual |= {"sounds": (sounds, "wav"), "labels": (labels, "labels.csv")}
+    usual |= {"sounds": (sounds, "wav"), "fade": (fade, None), "labels": (labels, "labels.csv")}
     for name, (given, default) in ({} if strikes is not None else usual).items():
         if given != default:
             raise OptionError(
@@ -136,8 +140,14 @@ def analyze_many(
             )
     if strikes is not None:
         each = table_rows(strikes) if isinstance(strikes, str | os.PathLike) else strikes
-        how = {"seconds": seconds, "sample_rate": sample_rate, "sounds": sounds, "seed": seed}
-        wanted = StrikeSet(strikes=each, **how)
+        wanted = StrikeSet(
+            strikes=each,
+            seed=seed,
+            seconds=seconds,
+            sample_rate=sample_rate,
+            sounds=sounds,
+            fade=fade,
+        )
     if processes is not None:
         require_number("processes", processes, 1, 10_000, whole=True, wanted="give 1 or more")
     if memory is not None:

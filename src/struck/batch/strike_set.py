@@ -29,6 +29,7 @@ from struck.files.sound_set import OF_A_SOUND
 from struck.model.arrays import Array, require_number
 from struck.model.gains import ShapeGains
 from struck.model.model import ModalModel
+from struck.scene.ending import FADE, require_fade
 from struck.scene.render import render
 
 Strikes: TypeAlias = (
@@ -53,6 +54,7 @@ class StrikeSet:
     seconds: float = 1.0
     sample_rate: int = 48_000
     sounds: str = "wav"
+    fade: float | None = None
 
     def __post_init__(self) -> None:
         if isinstance(self.strikes, int | float):
@@ -70,6 +72,7 @@ class StrikeSet:
             named_strikes(self.strikes)
         require_number("seed", self.seed, 0, 2**63, whole=True, wanted="give 0 or more")
         require_choice("sounds", self.sounds, SOUNDS)
+        require_fade(self.fade, self.seconds)
         if self.sounds == "flac":
             chosen("sound.flac")
 
@@ -77,7 +80,7 @@ class StrikeSet:
     def plain(self) -> tuple[object, ...]:
         """Values that determine the sounds; a function is represented by its source."""
         how = inspect.getsource(self.strikes) if callable(self.strikes) else self.strikes
-        return how, self.seed, self.seconds, self.sample_rate, self.sounds
+        return how, self.seed, self.seconds, self.sample_rate, self.sounds, self.fade
 
     def labels(self, model: ModalModel, output: str) -> list[dict[str, Any]]:
         """Return the label of each strike on a model, whose places are checked by that."""
@@ -131,6 +134,7 @@ class StrikeSet:
             **{f"listener_{x}": v for x, v in zip(_XYZ, listener.tolist(), strict=True)},
             "seconds": self.seconds,
             "sample_rate": self.sample_rate,
+            "fade": min(FADE, self.seconds / 2) if self.fade is None else self.fade,
         }
 
 
@@ -147,6 +151,7 @@ def struck_as(model: ModalModel, label: Mapping[str, Any]) -> Sound:
         seconds=label["seconds"],
         sample_rate=label["sample_rate"],
         listener=[label[f"listener_{x}"] for x in _XYZ],
+        fade=label["fade"],
     )
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from struck import analyze_many
 from struck.cli import SOME_FAILED, Result
 from struck.cli.analyze import add_how, how
-from struck.cli.options import add_budget, material_of
+from struck.cli.options import add_budget, add_fade, material_of
 from struck.core.termination import orderly_end
 from struck.errors import OptionError, counted
 from struck.files.atomic import is_file
@@ -39,6 +39,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     sounds.add_argument("--seconds", type=float, default=1.0, help="of each sound (default 1)")
     sounds.add_argument("--rate", type=int, default=48_000, help="samples a second")
     sounds.add_argument("--sounds", default="wav", help="wav (default), flac or npz")
+    add_fade(sounds)
     sounds.add_argument("--labels", default="labels.csv", help="table of strikes: .csv, .parquet")
 
 
@@ -50,7 +51,8 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
             f"--strikes {number} is neither a number nor a file: give how many of each model, or a "
             "table, as strikes.csv"
         )
-    same = ("table", "processes", "memory", "scheduler", "seed", "seconds", "sounds", "labels")
+    same = ("table", "processes", "memory", "scheduler")
+    same += ("seed", "seconds", "sounds", "fade", "labels")
     with orderly_end():
         report = analyze_many(
             options.files,

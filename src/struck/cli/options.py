@@ -330,7 +330,7 @@ def add_budget(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_fade(parser: argparse.ArgumentParser) -> None:
+def add_fade(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
     """Declare the fade of a sound that is cut off."""
     parser.add_argument(
         "--fade", type=float, help="of a sound that is cut off, s (default 0.01; 0 for none)"
