@@ -163,6 +163,7 @@ OVERTAKEN = """async () => {
 }"""
 
 
+@pytest.mark.prove
 def test_blow_is_heard_though_the_number_of_modes_changes_at_once(
     browser: Browser, explorer: Explorer
 ) -> None:

@@ -213,9 +213,8 @@ def test_nothing_in_the_folder_is_imported(name: str, inputs: Path, tmp_path: Pa
     require_as_usual(name, hostile(tmp_path / "hostile", inputs, HOSTILE_STYLE))
 
 
-@pytest.mark.parametrize(
-    "style", [HOSTILE_STYLE, pytest.param(b"font.size: \xff\n", marks=pytest.mark.prove)]
-)
+@pytest.mark.prove
+@pytest.mark.parametrize("style", [HOSTILE_STYLE, b"font.size: \xff\n"])
 def test_picture_is_that_of_a_clean_folder(style: bytes, inputs: Path, tmp_path: Path) -> None:
     folder = hostile(tmp_path / "hostile", inputs, style)
     require_as_usual("show", folder)

@@ -53,6 +53,7 @@ def png(figure: Figure) -> bytes:
     return data.getvalue()
 
 
+@pytest.mark.prove
 def test_pictures_are_the_same_and_settings_stay(bar: struck.ModalModel, tmp_path: Path) -> None:
     """In a file and on a page, drawn and saved under the settings of a user."""
 
