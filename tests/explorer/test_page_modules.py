@@ -44,3 +44,7 @@ def test_resonators_ears_and_limiter_are_those_of_python(tmp_path: Path) -> None
     shutil.copy(LIBRARIES / "core.wasm", tmp_path)
     node("sound.test.mjs", tmp_path)
     node("garbage.test.mjs", tmp_path)
+
+
+def test_masses_are_plain_numbers_in_the_words_of_the_page(tmp_path: Path) -> None:
+    node("words.test.mjs", tmp_path)

@@ -10,6 +10,14 @@ const fields = {
   changes: get('changes'), material: get('material'), size: get('size'), damping: get('damping'), original: get('original'),
 };
 
+/** Return a mass, kg, in words to three digits: "56.7 g", "1230 kg". */
+export function weight(mass) {
+  // From 1000 on, and below a millionth, toPrecision alone would write a power of ten.
+  const digits = (value) => Number(value.toPrecision(3)).toLocaleString('en', { useGrouping: false, maximumSignificantDigits: 3 });
+  if (mass >= 0.9995) return `${digits(mass)} kg`;
+  return mass < 9.995e-4 ? `${digits(1e6 * mass)} mg` : `${digits(1000 * mass)} g`;
+}
+
 /** Return a factor in words: "as it was", "2.0 times". */
 function times(factor) {
   if (Math.abs(factor - 1) < 0.005) return 'as it was';
@@ -94,7 +102,7 @@ export class ObjectPanel {
     fields.dropped.textContent = `Left out: ${dropped.join('; ')}.`;
     if (complete && model.count) parts.push(`none missing up to ${((complete * model.frequencies[0]) / this.told.lowest / 1000).toFixed(1)} kHz`);
     if (size) parts.push(`${length(Math.max(...size) * factor)} long`);
-    if (model.mass) parts.push(model.mass < 1 ? `${(1000 * model.mass).toPrecision(3)} g` : `${model.mass.toPrecision(3)} kg`);
+    if (model.mass) parts.push(weight(model.mass));
     if (!calibrated) parts.push('level relative');
     fields.facts.textContent = parts.join(' · ');
     const notes = notesOf(this.told.facts, model);
