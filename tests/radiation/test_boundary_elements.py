@@ -338,8 +338,21 @@ def test_smooth_sources_within_a_thin_wall_are_heard_as_if_there_were_none(
         assert errors[1] < errors[0] < bound
 
 
+def test_a_sharp_edge_is_no_thin_wall() -> None:
+    """A lens whose faces meet at 28 degrees is refused by none of its edges."""
+    ball = bodies.ball(1.0, 4)
+    height = np.hypot(*ball.points[:, :2].T)
+    points = np.column_stack(
+        [ball.points[:, :2], np.sign(ball.points[:, 2]) * 0.25 * (1 - height**2)]
+    )
+    lens = Mesh(points=points, faces=ball.faces)
+    walls = Walls.of(lens)
+    edges = np.sqrt(lens.areas * 4 / np.sqrt(3))
+    assert np.nanmin(walls.depths / edges) < 0.1 < walls.thinnest
+
+
 def test_a_wall_of_a_twentieth_of_an_element_is_refused() -> None:
-    with pytest.raises(MeshError, match="thicker wall"):
+    with pytest.raises(MeshError, match=r"of 0\.1 at least: give a finer mesh"):
         of_motion(bodies.bowl(0.06, 0.0005, 24, 10), bowl_mode(2), 800)
 
 

@@ -20,7 +20,8 @@ from struck.model.gains import ShapeGains
 from struck.model.mesh import Mesh
 from struck.radiation import sound_field
 from struck.radiation.boundary_elements import Walls
-from struck.radiation.sound_field import FieldPlan, fields_of, velocities_on
+from struck.radiation.remeshing import remeshed
+from struck.radiation.sound_field import FieldPlan, fields_of, fitting_mesh, velocities_on
 from struck.solids import Block, Tube
 from tests.excitation.recordings import recorded
 from tests.radiation import bodies
@@ -187,12 +188,36 @@ def test_a_thin_wall_makes_the_stated_error_larger(bowl: struck.ModalModel) -> N
     assert 0.01 < told < 0.2
 
 
+def test_elements_too_large_for_a_wall_are_made_smaller() -> None:
+    can, wall = bodies.tube(0.05, 0.001, 0.05, 32, 8), 0.000995
+    edge = wall / 0.15  # as a plan has it
+    first = remeshed(can, edge, wall)
+    assert Walls.of(first).thinnest < 0.1  # which was refused
+    mesh = fitting_mesh(can, edge, wall)
+    assert Walls.of(mesh).thinnest >= 0.1
+    assert len(mesh.faces) < 1.5 * len(first.faces)
+
+
+def test_a_wall_that_no_elements_fit_is_named_with_two_ways_out(block: struck.ModalModel) -> None:
+    """Following the message, the model sounds as it is, and a thicker sheet has its elements."""
+    knob = bodies.ball(0.02, 2)
+    knob = Mesh(points=knob.points + np.array([0, 0, 0.03]), faces=knob.faces)
+    thin, thick = (
+        bodies.joined(bodies.box((0.04, 0.04, depth), (1, 1, 1)), knob) for depth in (4e-6, 4e-3)
+    )
+    said = r"is 0\.\d+ mm thick at \(.*\) m, .* of 0.1 at least, .*: keep .*, or thicken the body"
+    with pytest.raises(MeshError, match=said):
+        fitting_mesh(thin, 0.015, 0.02)
+    assert struck.render(of_surface(block, thin), struck.Strike(at=(0, 0, 0.05))).samples.any()
+    assert Walls.of(fitting_mesh(thick, 0.015, 0.02)).thinnest >= 0.1
+
+
 def test_modes_above_the_bound_are_named_one_by_one(block: struck.ModalModel) -> None:
     large = of_surface(block, bodies.ball(0.2, 2))  # wave number times radius: 48 and more
     made = large.radiating()
     assert not made.gains.directional
     assert made.provenance.dropped[-1].startswith("2 modes without a timbre field, by an estimate")
-    for mode, frequency in enumerate(block.frequencies):
+    for mode, frequency in enumerate(block.frequencies, start=1):
         assert f"{mode} ({frequency:.0f} Hz)" in made.provenance.dropped[-1]
 
 

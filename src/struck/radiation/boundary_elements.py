@@ -24,6 +24,9 @@ from struck.model.mesh import Mesh
 
 SAME = 1e-3  # share of their frequency by which modes may differ and share a factorisation
 THINNEST = 0.1  # wall over element edge: below it, the equations of both sides are too much alike
+# Share of the surface that may be thinner, as at the edge of a knife: with 0.05 % of it a can's far
+# pressure stays within 0.5 % of that of a can without.
+_SHARP = 1e-3
 _NEAR = 2.5  # longest edges within which an element's static part is integrated in closed form
 _ROWS = 64  # places at once, so that what they take stays small beside the matrix
 _INSIDE = 24  # interior points at most
@@ -185,9 +188,8 @@ def solved(
     thin = walls.thinnest
     if thin < THINNEST:
         raise MeshError(
-            f"a wall is {thin:.3f} of the boundary elements on it, of {THINNEST} at least: keep "
-            "the model as it is, whose estimate of radiation needs no elements, or analyze the "
-            "body with a finer accuracy= or a thicker wall="
+            f"a wall is {thin:.3f} of the boundary elements on it, of {THINNEST} at least: give a "
+            "finer mesh, or keep the estimate of radiation='power', which needs no elements"
         )
     own = np.broadcast_to(np.asarray(wave_numbers, np.float64), len(modes)).copy()
     mean, flows = float(own.mean()), _flows(own, velocities, air)
@@ -278,9 +280,23 @@ class Walls:
 
     @property
     def thinnest(self) -> float:
-        """The least depth over the edge of the element above."""
-        edges = np.sqrt(self.mesh.areas * 4 / np.sqrt(3))
-        return float(np.nanmin(self.depths / edges, initial=np.inf))
+        """The least depth over the edge of the element above, edges as sharp as a knife aside."""
+        return self._thinnest()[0]
+
+    @property
+    def shallowest(self) -> tuple[float, Array]:
+        """Depth below the element that has the least for its edge, m, and its middle (3,), m."""
+        face = self._thinnest()[1]
+        return float(self.depths[face]), self.mesh.centroids[face]
+
+    def _thinnest(self) -> tuple[float, int]:
+        """Return the least depth over edge, and of which element; infinite where none is known."""
+        areas = self.mesh.areas
+        shares = self.depths / np.sqrt(areas * 4 / np.sqrt(3))
+        order = np.argsort(np.where(np.isnan(shares), np.inf, shares), kind="stable")
+        passed = np.cumsum(areas[order]) > _SHARP * areas.sum()
+        face = int(order[np.argmax(passed)])
+        return float(np.nan_to_num(shares[face], nan=np.inf)), face
 
     def inside(self, wave_number: float) -> Array:
         """Return points (P, 3) inside, far from each other, where waves could stand."""

@@ -24,6 +24,7 @@ from struck.model.mesh_topology import edges_of
 from struck.model.provenance import FORECAST, Progress, silent
 from struck.radiation.boundary_elements import (
     SAME,
+    THINNEST,
     SurfaceField,
     Walls,
     edge_length,
@@ -40,6 +41,9 @@ _ALMOST_NONE = 0.02  # share of the faces whose depth may be less than the wall
 _WALL = 0.15  # of an element, which a wall has at least
 _CROSSED = 1e-3  # share of the skin that may lie within the body
 _FINER = 2**0.5  # from a mesh to the next: twice as many elements
+# Where a wall is too thin for some of a mesh's elements, it is made again with smaller ones, in
+# steps of _STEP, down to half the edge: four times as many at most, chosen by judgement.
+_STEP, _SMALLEST = 2**-0.25, 0.5
 # Processor time of one factorisation by its F elements, s: near ones, far ones, and LAPACK's LU.
 _BY_ELEMENT, _BY_SQUARE, _BY_CUBE = 8e-5, 3.5e-8, 6.5e-11
 _BY_FACE = 3e-4  # of remeshing, by the faces of the skin, s
@@ -171,7 +175,7 @@ def fields_of(
         Where memory does not suffice.
     """
     _require_memory(plan.counts)
-    meshes = [remeshed(plan.skin.mesh, edge, plan.wall) for edge in plan.edges]
+    meshes = [fitting_mesh(plan.skin.mesh, edge, plan.wall) for edge in plan.edges]
     # Folds and ridges may keep more elements than the plan has.
     counts = np.array([len(mesh.faces) for mesh in meshes], np.float64)
     needed, seconds = _require_memory(counts), plan.seconds(counts)
@@ -198,6 +202,31 @@ def fields_of(
             progress("computing the timbre field", done / every)
         parts.append(joined(found))
     return parts
+
+
+def fitting_mesh(skin: Mesh, planned: float, wall: float) -> Mesh:
+    """Return a skin remeshed with edges of `planned` m, or as small as its thinnest wall needs.
+
+    MeshError where half of that is not small enough.
+    """
+    edge = planned
+    while True:
+        mesh = remeshed(skin, edge, wall)
+        walls = Walls.of(mesh)
+        thin = walls.thinnest
+        if thin >= THINNEST:
+            return mesh
+        edge *= _STEP
+        if edge < _SMALLEST * planned * (1 - 1e-9):
+            break
+    deep, where = walls.shallowest
+    place = ", ".join(rounded(each, 3) for each in where)
+    raise MeshError(
+        f"the body is {rounded(1000 * deep, 2)} mm thick at ({place}) m, {rounded(thin, 2)} of the "
+        f"boundary elements there, of {THINNEST} at least, with {len(mesh.faces)} of them: keep "
+        "the model as it is, whose estimate of radiation needs no elements, or thicken the body "
+        "there"
+    )
 
 
 def _at_once(needed: float) -> int:
