@@ -1,5 +1,6 @@
 """Processor time of boundary elements and of listening; two threads; and bempp-cl beside them.
 
+python bench/radiation.py remade   outputs of another material or size beside those of a new body
 python bench/radiation.py          on one core: OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 python bench/radiation.py threads  wall time of one thread and of two
 python bench/radiation.py bempp    320 triangles by bempp-cl, where it is installed, and by struck
@@ -18,6 +19,7 @@ import numpy as np
 
 import struck
 from struck.model.gains import ShapeGains
+from struck.radiation import RadiatedPower
 from struck.radiation.boundary_elements import solved
 from struck.radiation.multipoles import Multipoles
 from struck.radiation.sound_field import FieldPlan, fields_of
@@ -69,6 +71,33 @@ def whole_field() -> float:
     return time.perf_counter() - begun
 
 
+def remade() -> None:
+    """Print the processor time of `made_of` and `scaled` beside the first outputs, runs in turn."""
+    plate = Block(size=(0.3, 0.2, 0.004))
+    model = struck.analyze(plate, "steel", accuracy="preview", band=(20, 20_000), cache=False)
+    gains = cast("ShapeGains", model.gains)
+
+    def first() -> None:
+        surface, shapes = gains.surface.scaled(1.0), gains.shapes.astype(np.float64)
+        RadiatedPower().coefficients(surface, shapes, model.natural_frequencies, gains.centre)
+
+    works = {
+        "first outputs": first,
+        "made_of": lambda: model.made_of("aluminium"),
+        "scaled": lambda: model.scaled(1.5),
+    }
+    times: dict[str, list[float]] = {name: [] for name in works}
+    for _ in range(RUNS):
+        for name, work in works.items():
+            begun = time.process_time()
+            work()
+            times[name].append(time.process_time() - begun)
+    print(f"{gains.count} modes, {len(gains.surface.points)} vertices")
+    whole = min(times["first outputs"])
+    for name, each in times.items():
+        print(f"{name:14} {min(each):.3f} s of a processor, {min(each) / whole:.0%}")
+
+
 def in_threads() -> None:
     """Print wall times of one thread and of two, tries in turn."""
     found: dict[str, list[float]] = {"1": [], "2": []}
@@ -102,6 +131,8 @@ def main() -> None:
         print(whole_field())
     elif wanted == ["threads"]:
         in_threads()
+    elif wanted == ["remade"]:
+        remade()
     elif wanted == ["bempp"]:
         beside_bempp()
     else:

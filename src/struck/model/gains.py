@@ -78,6 +78,7 @@ class Radiation(Protocol):
 
     name: str
     calibrated: bool
+    scalable: bool  # whether p goes as size times shapes where frequencies go as 1 / size
     references: tuple[str, ...]
 
     def coefficients(
@@ -93,13 +94,6 @@ class Keep(Protocol):
     def __call__(self, compute: Callable[[], Any], /, **inputs: object) -> Any:  # noqa: ANN401
         """Return the stored result for the same inputs, or compute and store it."""
         ...
-
-
-@runtime_checkable
-class ScalableRadiation(Protocol):
-    """A law of radiation in which bodies that are alike in wavelengths sound alike."""
-
-    scalable: bool
 
 
 @runtime_checkable
@@ -340,10 +334,13 @@ class ShapeGains(Gains):
         formula : TransverseShapes, optional
             The shapes in closed form, which contacts then use.
         """
+        # Outputs are those of the shapes as they are stored: of a mode that hardly radiates,
+        # rounding is most of the sum, and a copy or a file of the body must give the same again.
+        stored = np.ascontiguousarray(shapes, np.float32)
         return cls(
             surface=surface,
-            shapes=np.ascontiguousarray(shapes, np.float32),
-            outputs=radiation.coefficients(surface, shapes, frequencies, centre),
+            shapes=stored,
+            outputs=radiation.coefficients(surface, stored.astype(np.float64), frequencies, centre),
             centre=np.asarray(centre, np.float64),
             radiation=radiation,
             formula=formula,
@@ -354,21 +351,19 @@ class ShapeGains(Gains):
         surface, shapes, centre, formula = self._moving(modes, size, density)
         return ShapeGains.radiating(surface, shapes, frequencies, centre, self.radiation, formula)
 
-    def similar(self, frequencies: Array, size: float, density: float) -> ShapeGains:
-        """Return the gains of a body whose frequencies (M,), Hz, have gone with 1 / size alone.
+    def similar(self, size: float, density: float) -> ShapeGains:
+        """Return the gains of a body whose frequencies have gone with 1 / size alone.
 
-        Of a radiation that is a `ScalableRadiation`; `size` and `density` are ratios to the present
-        ones.
+        Of a radiation that is scalable; `size` and `density` are ratios to the present ones.
         """
         modes = np.arange(self.count)
         surface, shapes, centre, formula = self._moving(modes, size, density)
-        # Pressure at 1 m goes with wave number, area and velocity.
-        factor = size * (density * size**3) ** -0.5
         return replace(
             self,
             surface=surface,
             shapes=np.ascontiguousarray(shapes, np.float32),
-            outputs=np.abs(self.outputs) * factor * quarter_turns(frequencies),
+            # Size times the factor of the shapes.
+            outputs=self.outputs * (size * (density * size**3) ** -0.5),
             centre=np.asarray(centre, np.float64),
             formula=formula,
         )

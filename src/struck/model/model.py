@@ -20,7 +20,6 @@ from struck.model.gains import (
     Gains,
     Keep,
     Radiation,
-    ScalableRadiation,
     ShapeGains,
     canonical_signs,
 )
@@ -380,7 +379,7 @@ class ModalModel:
         found, high, error = gains.radiation.field(
             gains, self.natural_frequencies, band=band, near=near, **told_of
         )
-        named = ", ".join(f"{mode} ({self.frequencies[mode]:.0f} Hz)" for mode in high[:_NAMED])
+        named = ", ".join(f"{mode + 1} ({self.frequencies[mode]:.0f} Hz)" for mode in high[:_NAMED])
         more = f" and {len(high) - _NAMED} more" * (len(high) > _NAMED)
         told = f"{counted(len(high), 'mode')} without a timbre field, by an estimate: {named}{more}"
         natural = self.natural_frequencies
@@ -508,11 +507,11 @@ class ModalModel:
         # Of the same shape in wavelengths the air answers alike: nothing is computed again.
         if (
             type(gains) is ShapeGains
-            and isinstance(gains.radiation, ScalableRadiation)
+            and gains.radiation.scalable
             and np.array_equal(kept, np.arange(len(self.natural_frequencies)))
             and np.allclose(natural * size, self.natural_frequencies, rtol=_ALIKE, atol=0)
         ):
-            changed: Gains = gains.similar(natural, size, density)
+            changed: Gains = gains.similar(size, density)
         else:
             changed = gains.changed(natural, kept, size, density)
         return replace(

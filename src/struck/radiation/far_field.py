@@ -28,6 +28,7 @@ class ObrienCoupling:
 
     name: str = "obrien2002"
     calibrated: bool = False
+    scalable: bool = False
     references: tuple[str, ...] = ("obrien2002",)
 
     def coefficients(
@@ -80,12 +81,13 @@ class RadiatedPower:
 
     name: str = "power"
     calibrated: bool = True
-    scalable: bool = True  # at equal products of wave number and size its pressures are alike
+    scalable: bool = True
     references: tuple[str, ...] = ("williams1999", "fahy2007", "antoine1999")
 
     def __init__(self, *, air: Air = AIR) -> None:
         self.air = air
-        # Harmonics and sources of the surfaces seen, as long as these live.
+        # A memo, as a player may ask for another material at any moment, and the harmonics of a
+        # surface take as long as all else; weak, so that it lives no longer than the surface.
         self._prepared: WeakKeyDictionary[Mesh, tuple[bytes, Skin, Radiator]] = WeakKeyDictionary()
 
     def __getstate__(self) -> dict[str, Air]:
@@ -200,6 +202,7 @@ class Heuristic1998:
 
     name: str = "heuristic1998"
     calibrated: bool = False
+    scalable: bool = False
     references: tuple[str, ...] = ("doel1998",)
 
     def coefficients(
