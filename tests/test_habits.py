@@ -395,8 +395,8 @@ USES: dict[str, tuple[Callable[[], object], tuple[str, ...]]] = {
         ("files hold a Trimesh", "give mesh files", "struck.analyze, one by one"),
     ),
     "a function to tune": (
-        lambda: struck.tune(bell, "bronze", vary="height", lowest="A5"),
-        ("bell has no dimensions", "functools.partial\\(bowl, radius=0.1\\)"),
+        lambda: struck.tune(lambda radius: bell(radius=radius), "bronze", vary="height", lowest=9),
+        ("has no value for radius", "give functools.partial\\(.*radius=...\\)"),
     ),
     "a body that was made to tune": (
         lambda: struck.tune(bell(), "bronze", vary="height", lowest="A5"),
@@ -483,7 +483,9 @@ def test_nouns_are_counted_and_have_their_articles(folder: Path) -> None:
     kinds = [article(each) for each in ("WAV", "OGG", "MP3", "AIFF", "Trimesh", "ndarray", "int")]
     assert kinds == ["a WAV", "an OGG", "an MP3", "an AIFF", "a Trimesh", "a ndarray", "an int"]
     for ending in ("ogg", "mp3", "aiff"):
-        with pytest.raises(struck.errors.FileFormatError, match=f"is an {ending.upper()} file"):
+        with pytest.raises(
+            struck.errors.FileFormatError, match=rf"is a sound \({ending.upper()}\) and not a model"
+        ):
             struck.load(folder / f"x.{ending}")
 
 

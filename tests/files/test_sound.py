@@ -191,7 +191,7 @@ def test_softest_and_loudest_samples_come_back(peak: float, tmp_path: Path) -> N
 
 
 def test_samples_beyond_their_range_name_it() -> None:
-    with pytest.raises(OptionError, match=r"2 of 3 samples .* range .*3\.4e\+38.* or scale"):
+    with pytest.raises(OptionError, match=r"2 of 3 samples .* range .*3.4e38.* or scale"):
         Sound(samples=np.array([[1.0, 1e39, np.nan]]), sample_rate=8000)
 
 
@@ -199,6 +199,6 @@ def test_sound_that_would_be_too_loud_says_what_to_give() -> None:
     bar = struck.analyze(struck.shapes.Bar(length=0.3, width=0.03, thickness=0.005), "steel")
     with (
         pytest.warns(struck.errors.ScaleWarning),
-        pytest.raises(OptionError, match=r"would reach .* Pa, .* 3\.4e\+38: .*smaller impulse"),
+        pytest.raises(OptionError, match=r"would reach .* Pa, .* 3.4e38: .*smaller impulse"),
     ):
         struck.render(bar, struck.Strike(impulse=1e38), seconds=0.01)

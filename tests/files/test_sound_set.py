@@ -184,7 +184,7 @@ def test_the_shell_writes_a_set(
     assert main(["render", "b.struck", "--strikes", "t.csv"]) == 2
     assert "give -o FOLDER" in capsys.readouterr().err
     assert main(["render", "x.flac"]) == 2
-    assert "x.flac is a FLAC file" in capsys.readouterr().err
+    assert "x.flac is a sound (FLAC) and not a model" in capsys.readouterr().err
 
 
 def test_a_set_is_made_again_from_its_own_table(

@@ -66,7 +66,7 @@ def test_points_that_are_no_places_are_refused(body: ModalModel, points: object)
 
 
 def test_a_strike_beyond_all_squares_is_refused_with_its_bound(body: ModalModel) -> None:
-    with pytest.raises(ContactError, match=r"1e\+150 m"):
+    with pytest.raises(ContactError, match=r"1e150 m"):
         struck.render(body, Strike(at=(1e200, 0, 0)), seconds=0.1)
 
 

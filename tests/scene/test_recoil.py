@@ -44,7 +44,7 @@ def test_a_die_a_marble_and_a_key_sound(die: ModalModel) -> None:
 
 
 def test_a_body_without_modes_says_so(die: ModalModel) -> None:
-    assert "no mode lies below 20000 Hz: the lowest is at 1." in die.provenance.dropped[0]
+    assert "no mode lies below 20000 Hz: the lowest is at 1" in die.provenance.dropped[0]
     assert "Chadwick" in die.cite()
     assert die.complete_to == 20_000
     for listener in (None, struck.Stereo(position=(0, 1, 0))):

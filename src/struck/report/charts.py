@@ -184,7 +184,7 @@ def decibels(power: Array) -> Array:
 
 def quantity(value: float, unit: str, digits: int = 2) -> str:
     """Return a number with its unit, whose prefix keeps it between 1 and 1000, as "170 µm"."""
-    number = float(f"{value:.{digits - 1}e}")
+    number = float(rounded(value, digits))
     if not number:
         return f"0 {unit}"
     fitting = (each for each, factor in _PREFIXES.items() if abs(number) >= factor)

@@ -282,8 +282,9 @@ def _column(
     wrong = ~(np.abs(column) <= most)
     if wrong.any():
         rows = np.flatnonzero(wrong.reshape(len(column), -1).any(axis=1))
+        first = ", ".join(map(rounded, column[rows[0]].flat))
         raise OptionError(
-            f"{name} is {column[rows[0]]} in row {rows[0]}, and {len(rows) - 1} others are not "
+            f"{name} is {first} in row {rows[0]}, and {len(rows) - 1} others are not "
             f"finite or beyond {rounded(most)} either: leave those out, or end the simulation "
             "before"
         )

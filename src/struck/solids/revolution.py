@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from struck.errors import MeshError, OptionError
+from struck.errors import MeshError, OptionError, rounded
 from struck.model.arrays import Array, checked, numbers
 from struck.solids.meridian import (
     Counts,
@@ -210,7 +210,9 @@ def _profile(name: str, values: Pairs) -> tuple[tuple[float, float], ...]:
         if (r, z) == following:
             raise MeshError(f"{name} repeats the point ({r}, {z}) m: give it once")
     if points[0] == points[-1]:
-        raise MeshError(f"{name} closes on itself at {points[0]} m: leave a gap between its ends")
+        raise MeshError(
+            f"{name} closes on itself at {', '.join(map(rounded, points[0]))} m: leave a gap between its ends"
+        )
     return points
 
 

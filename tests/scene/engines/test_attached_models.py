@@ -105,7 +105,12 @@ ATTACH = '<attach model="leg" body="shin" prefix="p"/>'
         ('<model name="leg" file="gone.xml"/>', ATTACH, LEG, "'gone.xml' is not in"),
         ('<model name="leg"/>', ATTACH, LEG, "'' is not in"),
         ('<model name="leg" file="scene.xml"/>', ATTACH, LEG, "attaches itself"),
-        ('<model name="leg" file="parts/shapes/foot.stl"/>', ATTACH, LEG, "foot.stl is no "),
+        (
+            '<model name="leg" file="parts/shapes/foot.stl"/>',
+            ATTACH,
+            LEG,
+            r"foot.stl is a mesh \(STL\) and not a scene",
+        ),
         ('<model name="leg" file="robot.urdf"/>', ATTACH, LEG, "begins with <robot>: give a mo"),
         (MODEL, ATTACH.replace('"leg"', '"lag"'), LEG, "model 'lag', .* 'leg': did you mean leg"),
         (MODEL, ATTACH.replace('"shin"', '"shn"'), LEG, "body 'shn' of .* did you mean shin"),
