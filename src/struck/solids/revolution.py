@@ -210,9 +210,8 @@ def _profile(name: str, values: Pairs) -> tuple[tuple[float, float], ...]:
         if (r, z) == following:
             raise MeshError(f"{name} repeats the point ({r}, {z}) m: give it once")
     if points[0] == points[-1]:
-        raise MeshError(
-            f"{name} closes on itself at {', '.join(map(rounded, points[0]))} m: leave a gap between its ends"
-        )
+        place = ", ".join(map(rounded, points[0]))
+        raise MeshError(f"{name} closes on itself at {place} m: leave a gap between its ends")
     return points
 
 
