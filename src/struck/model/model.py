@@ -51,6 +51,7 @@ _LOST_FIELD = (
 LOUDEST = "loudest"  # the place that every model has beside its own
 _NAMED = 12  # modes that are told one by one
 _RINGING = ("frequencies", "natural_frequencies", "decays")
+_OTHERS = ("blow", "vague")  # details of a fit: indices of modes that are not the object's
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -185,7 +186,7 @@ class ModalModel:
         The others are of a fit: some stand for the blow, some are vague, known to 30 % at best.
         """
         details = self.provenance.details
-        others = [np.asarray(details.get(kind, ()), int) for kind in ("blow", "vague")]
+        others = [np.asarray(details.get(kind, ()), int) for kind in _OTHERS]
         return ~np.isin(np.arange(len(self.frequencies)), np.concatenate(others))
 
     @property
@@ -438,8 +439,19 @@ class ModalModel:
         """Return the model with a mode for each product of its gains, as resonators need them."""
         if self.gains.rank == 1:
             return self
-        every = {name: np.tile(getattr(self, name), self.gains.rank) for name in _RINGING}
-        return replace(self, **every, gains=self.gains.expanded(), poisson_slopes=None, errors=None)
+        rank, details = self.gains.rank, dict(self.provenance.details)
+        every = {name: np.tile(getattr(self, name), rank) for name in _RINGING}
+        for kind in details.keys() & set(_OTHERS):
+            marked = np.isin(np.arange(len(self.frequencies)), np.asarray(details[kind], int))
+            details[kind] = np.flatnonzero(np.tile(marked, rank)).tolist()
+        return replace(
+            self,
+            **every,
+            gains=self.gains.expanded(),
+            poisson_slopes=None,
+            errors=None,
+            provenance=replace(self.provenance, details=details),
+        )
 
     def cite(self) -> str:
         """Return the papers behind this model, one a line."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,61 +25,129 @@ def bar() -> ModalModel:
     return struck.analyze(Bar(length=0.3, width=0.03, thickness=0.005, ends="free"), "steel")
 
 
-def take(bar: ModalModel, path: Path, noise: float = 1e-4, seed: int = 0, **blow: float) -> Path:
+def take(
+    bar: ModalModel,
+    path: Path,
+    noise: float = 1e-4,
+    seed: int = 0,
+    **blow: Any,  # noqa: ANN401 - of a Strike
+) -> Path:
     """Save a take of the bar, struck at `at` for `seconds` of sound, after noise alone."""
     seconds, at = blow.pop("seconds", 3.0), blow.pop("at", 0.1)
     strike = Strike(at=(at,), **blow)
     sound = struck.render(bar, strike, seconds=seconds, listener=(0, 0, 0.3), fade=0)
     samples = np.pad(0.5 * sound.samples[0] / sound.peak, (30_000, 0))
     chance = np.random.default_rng(seed)
-    samples = np.float32(samples + noise * chance.standard_normal(len(samples)))
-    struck.Sound(samples=samples, sample_rate=RATE).save(path, level="peak")
+    samples += noise * chance.standard_normal(len(samples))
+    struck.Sound(samples=samples.astype(np.float32), sample_rate=RATE).save(path)
     return path
 
 
-def false_and_true(bar: ModalModel, fitted: ModalModel) -> tuple[Array, int]:
-    """Return the object's modes that are none of the bar, Hz, and how many of the bar's are there.
-
-    A mode is that of the bar within 1 Hz; broad modes near one are none.
-    """
-    own = fitted.frequencies[fitted.of_object]
-    slow = fitted.decays[fitted.of_object] < 20
-    away = np.abs(own[:, None] - bar.frequencies)
-    right = (away.min(axis=1) < 1) & slow
-    return own[~right], len(np.unique(away.argmin(axis=1)[right]))
+def right(bar: ModalModel, fitted: ModalModel) -> NDArray[np.bool_]:
+    """Return which fitted modes are the bar's: within 1 Hz of one, and not broad."""
+    away = np.abs(fitted.frequencies[:, None] - bar.frequencies).min(axis=1)
+    return (away < 1) & (fitted.decays < 20)
 
 
-CASES = {
-    "ideal": {"impulse": 1e-3},
+def require_object_alone(bar: ModalModel, fitted: ModalModel, count: int = 12) -> None:
+    """Require the `count` modes of the bar, known to 30 %, and no other to be the object's."""
+    own = fitted.of_object
+    assert fitted.frequencies[own & ~right(bar, fitted)].tolist() == []
+    assert np.count_nonzero(own) == count
+    assert fitted.errors is not None
+    assert fitted.errors[own].max() < 0.3
+
+
+CASES: dict[str, dict[str, Any]] = {
+    "felt": {"striker": "felt", "speed": 1.0, "at": 0.02, "seconds": 1.5},
     "0.4 ms": {"impulse": 1e-3, "duration": 4e-4},
-    "felt": {"striker": "felt", "speed": 1.0, "at": 0.02},
+    "1 ms": {"impulse": 1e-3, "duration": 1e-3, "at": 0.02},
+    "2 ms": {"impulse": 1e-3, "duration": 2e-3},
+    "3 ms": {"impulse": 1e-3, "duration": 3e-3},
     "wood": {"striker": "wood", "speed": 0.5, "at": 0.02, "seconds": 1.5},
-    "steel": {"striker": "steel", "speed": 1.0, "at": 0.02, "seconds": 0.5},
     "short": {"striker": "wood", "speed": 0.5, "at": 0.02, "seconds": 0.5, "noise": 1e-3},
 }
+PROVEN = [pytest.param(each, marks=pytest.mark.prove) for each in CASES if each != "felt"]
 
 
-@pytest.mark.parametrize("case", CASES)
+def test_all_modes_of_an_ideal_blow_are_known_and_no_other(bar: ModalModel, tmp_path: Path) -> None:
+    """Three modes of 700 Hz and errors of 140 times as much were among them before."""
+    fitted = struck.fit(take(bar, tmp_path / "tap.wav", impulse=1e-3), cache=False)
+    require_object_alone(bar, fitted)
+
+
+@pytest.mark.parametrize("case", ["felt", *PROVEN])
 def test_every_mode_of_a_bar_is_found_and_no_other(
     bar: ModalModel, case: str, tmp_path: Path
 ) -> None:
     fitted = struck.fit(take(bar, tmp_path / "tap.wav", **CASES[case]), cache=False)
-    false, count = false_and_true(bar, fitted)
-    assert not false.size, false
-    assert count == 12
-    assert fitted.errors is not None
-    assert fitted.errors[fitted.of_object].max() < 0.3
+    require_object_alone(bar, fitted)
 
 
-def test_several_short_takes_hold_no_mode_of_their_blows(bar: ModalModel, tmp_path: Path) -> None:
-    takes = [
-        take(bar, tmp_path / f"{n}.wav", seed=n, at=at, impulse=1e-3, seconds=1.0)
-        for n, at in enumerate((0.02, 0.1, 0.155, 0.25))
-    ]
-    fitted = struck.fit(takes, cache=False)
-    false, count = false_and_true(bar, fitted)
-    assert not false.size, false
-    assert count == 12
+@pytest.mark.prove
+@pytest.mark.parametrize("seconds", [0.5, 0.3])
+def test_all_modes_that_were_fitted_in_noise_are_the_object(
+    bar: ModalModel, seconds: float, tmp_path: Path
+) -> None:
+    """One mode of the twelve does not stand out of the noise, so no fit finds it.
+
+    In 0.3 s one falls by 1 dB: it is known by its frequency, not by its decay.
+    """
+    path = tmp_path / "tap.wav"
+    take(bar, path, 1e-3, at=0.02, seconds=seconds, striker="steel", speed=1.0)
+    fitted = struck.fit(path, cache=False)
+    count = int(np.count_nonzero(right(bar, fitted)))
+    assert count == 11
+    require_object_alone(bar, fitted, count)
+
+
+@pytest.mark.prove
+def test_a_list_of_short_takes_holds_no_mode_of_their_blows(
+    bar: ModalModel, tmp_path: Path
+) -> None:
+    rows = ["file,u"]
+    for number, at in enumerate((0.02, 0.1, 0.155, 0.25)):
+        path = tmp_path / f"{number}.wav"
+        take(bar, path, seed=number, at=at, impulse=1e-3, seconds=1.0)
+        rows.append(f"{path.name},{at}")
+    (tmp_path / "takes.csv").write_text("\n".join(rows), encoding="utf-8")
+    fitted = struck.fit(tmp_path / "takes.csv", cache=False)
+    require_object_alone(bar, fitted)
+    copies = fitted.expanded()  # a mode for each product of the field's gains
+    assert np.all(right(bar, copies)[copies.of_object])
+
+
+STRIKERS = ("steel", "plastic", "wood", "rubber", "felt")
+
+
+@pytest.mark.prove
+@pytest.mark.parametrize("material", ["wood", "acrylic"])
+def test_hardly_any_mode_of_a_damped_bar_is_of_the_blow(material: str, tmp_path: Path) -> None:
+    """Their own modes die about as fast as those that stand for a soft blow.
+
+    A false mode is none of the bar's within five of its stated errors or 0.5 %. There were 35 and
+    65 in five takes where the blow's end was sought by what is left in a mode's band alone.
+    """
+    shape = Bar(length=0.3, width=0.03, thickness=0.01, ends="free")
+    damped = struck.analyze(shape, material)
+    false = fitting = clear = 0
+    for seed, striker in enumerate(STRIKERS):
+        blow: dict[str, Any] = {"striker": striker, "speed": 0.7, "at": 0.012, "seconds": 1.0}
+        path = take(damped, tmp_path / f"{striker}.wav", 1e-4, seed, **blow)
+        fitted = struck.fit(path, cache=False)
+        away = np.abs(fitted.frequencies[:, None] - damped.frequencies)
+        near, far = away.argmin(axis=1), away.min(axis=1)
+        assert fitted.errors is not None
+        bound = np.maximum(5 * fitted.errors, 0.005) * fitted.frequencies
+        own = fitted.of_object
+        false += np.count_nonzero(far[own] > bound[own])
+        known = (far < 0.05 * damped.decays[near]) & (damped.decays[near] < 300)
+        known &= np.abs(fitted.decays / damped.decays[near] - 1) < 0.1
+        fitting += np.count_nonzero(known)
+        clear += np.count_nonzero(known & own)
+    assert false <= 5
+    assert fitting >= 25
+    assert clear == fitting
 
 
 def test_shell_page_and_python_count_alike(

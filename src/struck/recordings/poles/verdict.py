@@ -164,7 +164,8 @@ _LONGEST_PUSH, _SHORTEST_PUSH = 0.02, 5e-4  # s, of blows: a soft mallet, and a 
 _SMOOTHED = 5e-4  # s
 _CHANGED = 0.5  # of what a gain has decayed to
 _AFTER, _RINGS = 5, 2.0  # times the push; energy from twice to so often over the noise's
-_FEW_ALIKE = 0.25  # of the modes are contradicted under a soft mallet; at most 7 % in real takes
+_CLEAR = 16.0  # times what noise has by chance: enough to see by its gain that a mode is none
+_STRAY = 0.1  # of the modes may be contradicted for other reasons than the blow
 _LATER = 1.5  # from one moment of comparison to the next, a factor
 _WINDOW = 2 * _LONGEST_PUSH  # s that are compared
 _LASTING = np.log(100) / (2 * _LONGEST_PUSH)  # 1/s: falls by 40 dB in twice the longest push
@@ -211,11 +212,11 @@ def _cancelled(segments: Sequence[Segment], ringing: Exponentials, pushes: Seque
 def _within_blow(segments: Sequence[Segment], ringing: Exponentials) -> Mask:
     """Return which modes (M,) later samples contradict, and which die within the blow.
 
-    Modes that outlast the longest blow are not tried. A mode is contradicted at a moment if less
-    than half of it is left in its band, by more than noise takes away by chance, and if its gain
-    changes by half where all gains are fitted again. The blow lasts twice the time after which a
-    quarter of the modes are, the shortest push at least; modes below the noise by then died
-    within it.
+    Modes that outlast the longest blow are not tried. A mode is contradicted at a moment if its
+    gain changes by half where all gains are fitted again, and either it should stand clear of the
+    noise there or less than half of it is left in its band, by more than noise takes away by
+    chance. The blow lasts twice the time after which at most a tenth of the modes are contradicted
+    for the first time, the shortest push at least; modes below the noise by then died within it.
     """
     tried = ringing.decays > _LASTING
     slow, fast = ringing.of(~tried), ringing.of(tried)
@@ -232,10 +233,11 @@ def _within_blow(segments: Sequence[Segment], ringing: Exponentials) -> Mask:
             segments, slow, fast, floor, time
         )
         limit = _CHANGED**2 * expected
-        wrong = (alone < limit) & (change > limit) & (missing > least)
+        gone = (alone < limit) & (missing > least)
+        wrong = (change > limit) & (gone | (energies[number] > _CLEAR * least))
         first[wrong] = np.minimum(first[wrong], time)
     contradicted = np.isfinite(first)
-    over = 2 * float(np.quantile(np.where(contradicted, first, times[0] / 2), 1 - _FEW_ALIKE))
+    over = 2 * float(np.quantile(np.where(contradicted, first, times[0] / 2), 1 - _STRAY))
     last = min(int(np.searchsorted(times, 0.999 * over)), len(times) - 1)
     blow[tried] = contradicted | (energies[last] <= least)
     return blow
