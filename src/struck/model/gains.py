@@ -74,11 +74,14 @@ _FEW = 4  # pushes for which the core need not be loaded
 
 
 class Radiation(Protocol):
-    """A law of how loudly the modes of a surface reach the far field."""
+    """A law of how loudly the modes of a surface reach the far field.
+
+    It may have an attribute `scalable`: True if the pressure goes as size times shapes where the
+    frequencies go as 1 / size, so that a body of another size needs no new computation.
+    """
 
     name: str
     calibrated: bool
-    scalable: bool  # whether p goes as size times shapes where frequencies go as 1 / size
     references: tuple[str, ...]
 
     def coefficients(

@@ -519,7 +519,7 @@ class ModalModel:
         # Of the same shape in wavelengths the air answers alike: nothing is computed again.
         if (
             type(gains) is ShapeGains
-            and gains.radiation.scalable
+            and getattr(gains.radiation, "scalable", False)
             and np.array_equal(kept, np.arange(len(self.natural_frequencies)))
             and np.allclose(natural * size, self.natural_frequencies, rtol=_ALIKE, atol=0)
         ):
