@@ -36,12 +36,15 @@ prove: $(ENVIRONMENT)/test.stamp  ## Every promise in full; ONLY=name, PART=k/4 
 	$(BIN)/python -m pytest -m "prove and not timed" $(if $(PART),--part "$(PART)") $(if $(ONLY),-k "$(ONLY)") --numprocesses 2 $(FEW)
 	$(if $(PART),,$(BIN)/python -m pytest -m "prove and timed" $(if $(ONLY),-k "$(ONLY)") $(FEW))
 
-check: $(ENVIRONMENT)/lint.stamp  ## Style, types, layers, and what nothing reaches
+check: $(ENVIRONMENT)/lint.stamp  ## Style, types, layers, dead code, wording; a report of sizes
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(BIN)/pyright --pythonpath $(BIN)/python
 	$(BIN)/lint-imports
 	$(BIN)/vulture src $$(find src -name '*.pyi')
+	$(BIN)/python .ci/plain.py
+	$(BIN)/python .ci/heads.py
+	$(BIN)/python .ci/sizes.py
 
 bench: $(ENVIRONMENT)/all.stamp  ## Ratios against peers
 	$(BIN)/python bench/starting.py
