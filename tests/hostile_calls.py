@@ -378,7 +378,9 @@ def _excitations() -> dict[str, Call]:
             use=heard,
         ),
         "excitation.Hold": Call(
-            made=struck.Hold, given={**common, "grip": 10.0, "seconds": 0.1}, use=heard
+            made=struck.Hold,
+            given={**common, "grip": 10.0, "seconds": 0.1},
+            use=lambda made: heard([made, struck.Strike(impulse=0.01)]),  # a hold sounds of nothing
         ),
         "excitation.ForceTrack": Call(
             made=struck.ForceTrack,
@@ -534,7 +536,7 @@ def _ears() -> dict[str, Call]:
         ),
         "ears.Emitter": Call(
             made=ears.Emitter,
-            given={"centre": ears.Trajectory.of("it", (0, 0, 0)), "radius": 0.1, "field": False},
+            given={"centre": ears.Trajectory.of("it", (0, 0, 0)), "radius": 0.1, "field": "head"},
         ),
         "ears.Hearing": Call(
             made=ears.Hearing,
@@ -889,7 +891,13 @@ def _verbs(folder: Path) -> dict[str, Call]:
         "files.Sound.load": Call(made=struck.Sound.load, given={"path": wav}),
         "files.load_body": Call(
             made=files.load_body,
-            given={"path": folder / "box.stl", "units": "m", "part": None, "holes": "fill"},
+            given={
+                "path": folder / "box.stl",
+                "units": "m",
+                "part": None,
+                "wall": 2e-3,
+                "holes": "fill",
+            },
         ),
         "files.save_set": Call(
             made=files.save_set,
