@@ -15,7 +15,8 @@ GOLDEN = Path(__file__).parent / "golden/bank.npz"
 
 @pytest.mark.parametrize("name", SCENES)
 def test_the_bank_is_what_numba_gave(name: str) -> None:
-    expected = np.load(GOLDEN)[str(list(SCENES).index(name))]
+    with np.load(GOLDEN) as file:
+        expected = file[str(list(SCENES).index(name))]
     assert np.abs(played(name) - expected).max() < 1e-10 * np.abs(expected).max()
 
 

@@ -78,7 +78,8 @@ def test_poles_and_statistics_are_those_that_numba_gave(
 ) -> None:
     if not compiled:
         without_core(monkeypatch)
-    assert_alike(results(1), dict(np.load(GOLDEN)))
+    with np.load(GOLDEN) as file:
+        assert_alike(results(1), dict(file))
 
 
 def test_core_and_numpy_agree(monkeypatch: pytest.MonkeyPatch) -> None:
