@@ -29,7 +29,7 @@ from struck import Mesh
 from struck.files.meshes import load_body
 from struck.report.gallery import bird
 from struck.solids.filling import filling
-from struck.solids.filling.stuffing import stuffed
+from struck.solids.lattice import stuffed
 from struck.solids.surface.distance import FilledBody
 
 Array = NDArray[np.float64]

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from struck.batch.job import done, kept
-from struck.batch.job_table import BodyJob, content_of, jobs_of
+from struck.batch.job import BodyJob, content_of
+from struck.batch.job_process import done, kept
+from struck.batch.job_table import jobs_of
 from struck.errors import OptionError
 from struck.files import guard
 from tests.batch.bodies import bar

@@ -13,7 +13,7 @@ import pytest
 import struck
 from struck.batch import analyze_many
 from struck.batch.batch_report import label_table
-from struck.batch.job import Facts, done
+from struck.batch.job_process import Facts, done
 from struck.batch.job_table import jobs_of, table_rows
 from struck.batch.strike_set import StrikeSet
 from struck.errors import ContactError, MissingDependencyError, OptionError

@@ -248,7 +248,7 @@ def test_only_one_place_starts_python() -> None:
         for path in PACKAGE.rglob("*.py")
         if re.search(r"\bexecutable\b|multiprocessing", path.read_text(encoding="utf-8"))
     }
-    assert users == {"core/child_process.py", "core/build.py"}
+    assert users == {"processes/child_process.py", "core/build.py"}
 
 
 @pytest.mark.skipif(os.name == "nt", reason="a shell script")

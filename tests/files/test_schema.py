@@ -18,7 +18,7 @@ from struck.model.material import Material
 from struck.model.provenance import Provenance
 from struck.model.recoil import Recoil
 from struck.model.timbre_table import SYSTEMS
-from struck.radiation.far_field import ESTIMATES
+from struck.radiation.radiated_power import ESTIMATES
 from struck.shapes import (
     Bar,
     CircularMembrane,

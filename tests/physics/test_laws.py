@@ -19,7 +19,7 @@ from struck.solids.fem.lanczos import rigid_motions
 from struck.solids.fem.spectrum import Solver
 from struck.solids.fem.vibration import vibration_modes
 from struck.solids.filling.filling import curved
-from struck.solids.filling.stuffing import cells_in
+from struck.solids.lattice import cells_in
 from struck.solids.surface.distance import FilledBody
 from struck.solids.volume_mesh import linear_tetrahedra
 from tests.physics.bodies import bumpy, custom

@@ -9,10 +9,10 @@ import struck
 from struck.errors import MeshError, RepairWarning
 from struck.model.mesh import Mesh
 from struck.solids.fem.vibration import vibration_modes
+from struck.solids.filling.thin_walls import with_both_faces
 from struck.solids.hexahedra import divided, lattice, merged, stacked
 from struck.solids.surface.closedness import require_closed
 from struck.solids.surface.distance import WalledSheet
-from struck.solids.surface.thin_walls import with_both_faces
 from struck.solids.volume_mesh import VolumeMesh
 from tests.physics.bodies import ALUMINIUM, Array
 

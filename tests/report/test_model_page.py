@@ -16,7 +16,7 @@ from struck.model.provenance import Provenance
 from struck.model.survey import Survey, from_spherical
 from struck.model.timbre_field import TimbreField
 from struck.model.timbre_table import SinglePoint, TimbreTable
-from struck.radiation.far_field import decays_by_sound
+from struck.radiation.radiated_power import decays_by_sound
 from struck.report.charts import overview
 from struck.report.model_page import summary
 from struck.shapes import RectangularPlate

@@ -13,17 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from struck.batch.batch_report import PAGES, BatchReport, BatchRow, require_labels
-from struck.batch.job import Facts, kept
-from struck.batch.job_table import (
-    FACTS,
-    OPTIONS,
-    BodyJob,
-    Files,
-    Table,
-    jobs_of,
-    require_known,
-    table_rows,
-)
+from struck.batch.job import FACTS, OPTIONS, BodyJob
+from struck.batch.job_process import Facts, kept
+from struck.batch.job_table import Files, Table, jobs_of, require_known, table_rows
 from struck.batch.processes import Processes, failure
 from struck.batch.strike_set import Strikes, StrikeSet
 from struck.core import machine

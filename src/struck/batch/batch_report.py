@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from struck.batch.job_table import MODEL, BodyJob
+from struck.batch.job import MODEL, BodyJob
 from struck.batch.strike_set import struck_as
 from struck.errors import MissingDependencyError, OptionError, StruckError, counted, rounded
 from struck.excitation.strike import Strike

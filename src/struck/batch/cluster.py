@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from struck.analysis.cached_steps import method
 from struck.batch.batch_report import PAGES
-from struck.batch.job import Facts
-from struck.batch.job_table import FACTS, BodyJob
+from struck.batch.job import FACTS, BodyJob
+from struck.batch.job_process import Facts
 from struck.batch.processes import Processes, failure
 from struck.errors import MissingDependencyError, OptionError, SolverError
 from struck.files.atomic import write_bytes

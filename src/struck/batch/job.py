@@ -1,267 +1,93 @@
-"""A job in a process of its own: one body is analyzed, and its files are written whole.
+"""A job of a batch: a body to be analyzed, its files' names and its key.
 
-The process that `processes` starts loads struck once, and forks for each job. It reads jobs as
-pickles on standard input and answers lines of JSON on standard output; it ends with its input.
+A job's key is the SHA-256 of its file's content, of its options and of the method's version:
+jobs with the same key have the same model.
 """
 
 from __future__ import annotations
 
-import contextlib
+import hashlib
+import inspect
 import json
 import os
-import pickle
-import signal
-import sys
-import threading
-import time
-import warnings
-from collections.abc import Callable, Iterator
+import re
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
-import numpy as np
+from struck.analysis.analysis import analyze
+from struck.analysis.cached_steps import fingerprint, method
+from struck.batch.strike_set import StrikeSet
+from struck.errors import FileFormatError
+from struck.files.atomic import is_file, open_ordinary, read_bytes
+from struck.files.messages import ReadingLimits
+from struck.model.material import Material
 
-from struck.analysis.analysis import CERTAIN, analyze
-from struck.batch.job_table import FACTS, MODEL, BodyJob, content_of
-from struck.errors import (
-    CacheWarning,
-    ContactError,
-    LossWarning,
-    MaterialError,
-    MeshError,
-    OptionError,
-    RepairWarning,
-    ScaleWarning,
-    SolverError,
-    StruckError,
-    counted,
-)
-from struck.files import guard, meshes, model_file
-from struck.files.atomic import read_bytes, write_bytes
-from struck.model.model import ModalModel
-from struck.model.provenance import ForecastStage
-from struck.perception.audibility import within_budget
-from struck.solids.resolution import coarser
-
-Facts = dict[str, Any]  # what a job tells, as JSON values
-GIB = 2**30
-ALLOWED = b"+"
-_KEPT_ERRORS = (MeshError, MaterialError, OptionError, ContactError)  # which come again
-_TOLD = (CacheWarning, LossWarning, RepairWarning, ScaleWarning)
-_FIRST_TO_GO = b"500"  # of 1,000: where memory is short the system ends a job, not its user's work
-_SLACK = 2 * GIB  # bytes that libraries reserve beside what they use
+MODEL, FACTS = ".struck", ".facts.json"  # endings of a job's model, and of what is told of it
+OPTIONS = {  # of `analyze`, with what they are unless given
+    name: each.default
+    for name, each in inspect.signature(analyze).parameters.items()
+    if name not in {"body", "material", "cache", "progress"}
+} | {"modes": None}
 
 
-# The process
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BodyJob:
+    """A body to be analyzed, and where its model goes."""
+
+    file: str
+    output: str  # of its files below the folder, with "/" between, without an ending
+    material: Material | str
+    options: Mapping[str, Any]  # of `analyze`
+    strikes: StrikeSet | None = None
+    cache: bool | str = True
+    content: str = ""  # SHA-256 of the file
+    key: str = ""
+
+    def keyed(self) -> BodyJob:
+        """Return the job with its key, once its file has been read; OSError where it cannot be."""
+        damping, content = self.options.get("damping", "own"), self.content or content_of(self.file)
+        material = Material.of(self.material, damping)
+        strikes = None if self.strikes is None else (self.strikes.plain, self.output)
+        options = {
+            name: inspect.getsource(value) if inspect.isfunction(value) else value
+            for name, value in sorted(self.options.items())
+            if value is not OPTIONS[name] and name != "damping"
+        }
+        with suppress(KeyError, TypeError, ValueError):  # 20 is 20.0; what is wrong is told later
+            options["band"] = tuple(map(float, options["band"]))
+        key = fingerprint((method(), content, material, options, strikes))
+        return replace(self, content=content, key=key)
+
+    def for_part(self, name: str) -> BodyJob:
+        """Return the job of one body of several."""
+        output = "-".join((self.output, re.sub(r"[^\w.-]", "_", name)))
+        return replace(self, output=output, options={**self.options, "part": name}).keyed()
+
+    def path(self, folder: Path, ending: str = MODEL) -> Path:
+        """Return the path of one of a job's output files."""
+        return folder / f"{self.output}{ending}"
 
 
-def main() -> None:
-    """Do one job after the other, each in a fork where the system has them, until input ends."""
-    import rslab  # noqa: F401 - once for all jobs, as all that stands above
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the program
-    answers = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # libraries print elsewhere
-    while size := _read(8):
-        asked = _read(int.from_bytes(size, "little"))
-        if not hasattr(os, "fork"):
-            _answer(asked, answers)
-            _tell(answers, ended=0)
-            continue
-        child = os.fork()
-        if not child:
-            try:
-                _answer(asked, answers)
-            except BaseException:  # noqa: BLE001 - whatever it is, this fork must not go on
-                os._exit(1)
-            os._exit(0)
-        _tell(answers, ended=os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+def content_of(file: str) -> str:
+    """Return the SHA-256 of a mesh file and a glTF's buffers; OSError without it."""
+    path, digest = Path(file), hashlib.sha256()
+    for each in (path, *_companions(path)):
+        with open_ordinary(each) as opened:
+            size = os.fstat(opened.fileno()).st_size
+            digest.update(size.to_bytes(8, "little"))
+            if size <= ReadingLimits().size:  # no reader takes a larger one
+                digest.update(hashlib.sha256(opened.read()).digest())
+    return digest.hexdigest()
 
 
-def _read(count: int) -> bytes:
-    """Return a number of bytes of standard input, or none where it ends before."""
-    data = b""
-    while len(data) < count and (more := os.read(0, count - len(data))):
-        data += more
-    return data if len(data) == count else b""
-
-
-def _tell(answers: IO[str], **told: object) -> None:
-    answers.write(json.dumps(told) + "\n")
-    answers.flush()
-
-
-def _answer(asked: bytes, answers: IO[str]) -> None:
-    """Do the job that a pickle of (job, folder, memory) holds, and write its facts to `answers`."""
-    job, folder, memory = pickle.loads(asked)  # noqa: S301 - from who started this process
-    allowed = threading.Event()
-    threading.Thread(target=_listen, args=(allowed,), daemon=True).start()
-    _confine(memory)
-
-    below = coarser(job.options.get("accuracy") or "standard")
-
-    def wait(stage: str, _fraction: float) -> None:
-        if isinstance(stage, ForecastStage):
-            if memory is not None and stage.memory > CERTAIN * memory:
-                raise SolverError(
-                    f"finding its modes needs about {stage.memory / GIB:.1f} GiB of memory, and it "
-                    f"may take {memory / GIB:.1f} GiB: give more memory=, "
-                    f"{below}{', ' if below else ''}a narrower band or a simpler mesh"
-                )
-            _tell(answers, forecast=stage.memory)
-            allowed.wait()
-
-    _tell(answers, facts=done(job, Path(folder), wait))
-
-
-def _listen(allowed: threading.Event) -> None:
-    """Wait for the parent's leave to compute; once the parent is gone, end the whole group."""
-    while os.read(0, 1) == ALLOWED:
-        allowed.set()
-    if hasattr(os, "killpg"):
-        os.killpg(0, signal.SIGKILL)
-    os._exit(1)
-
-
-def _confine(memory: int | None) -> None:
-    """Bound the memory of this process, and offer it to the system as the first to be ended."""
-    with contextlib.suppress(OSError):
-        Path("/proc/self/oom_score_adj").write_bytes(_FIRST_TO_GO)
-    with contextlib.suppress(ImportError, OSError, ValueError):
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        if memory is not None:
-            hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
-            resource.setrlimit(resource.RLIMIT_DATA, (memory + _SLACK, hard))
-
-
-# The job
-
-
-def done(job: BodyJob, folder: Path, progress: Callable[[str, float], None]) -> Facts:
-    """Analyze a body, write its model into a folder, and return the facts of its facts file."""
-    facts: Facts = {"key": job.key}
+def _companions(path: Path) -> list[Path]:
+    """Return the files that a glTF file names and that are there."""
     try:
-        job.path(folder).parent.mkdir(parents=True, exist_ok=True)
-        with _noting_warnings(facts):
-            facts["parts"] = _several(job)
-            if facts["parts"]:
-                return _keep(job, folder, facts)
-            how = {**job.options, "cache": job.cache, "progress": progress}
-            given = {"body": job.file, "material": job.material}
-            model = within_budget(how.pop("modes", None), analyze, **given, **how)
-        if content_of(job.file) != job.content:
-            raise OSError(f"{job.file} changed while it was read: run it again")  # noqa: TRY301
-        return _written(job, folder, facts | _described(model), model)
-    except Exception as error:  # noqa: BLE001 - whatever is wrong with one file, the rest goes on
-        short = "memory is short: give it more, or run fewer jobs at once (processes=)"
-        message = short if isinstance(error, MemoryError) else str(error)
-        facts |= {"failure": type(error).__name__, "message": message, **_cost()}
-        if isinstance(error, _KEPT_ERRORS) and not _may_pass(error):
-            with contextlib.suppress(StruckError):
-                _keep(job, folder, facts)
-        return facts
-
-
-def _several(job: BodyJob) -> list[str]:
-    """Return the names of a file's bodies where it holds several and none was chosen."""
-    if job.options.get("part") is not None or Path(job.file).suffix.lower() in meshes.SUFFIXES:
+        buffers = json.loads(read_bytes(path))["buffers"] if path.suffix.lower() == ".gltf" else ()
+        named = [path.with_name(str(each.get("uri"))) for each in buffers]
+    except (FileFormatError, ValueError, LookupError, AttributeError, TypeError, RecursionError):
         return []
-    try:
-        return meshes.body_names(job.file)
-    except MeshError:  # the analysis tells it, after repair
-        return []
-
-
-@contextlib.contextmanager
-def _noting_warnings(facts: Facts) -> Iterator[None]:
-    """Note the warnings that a person should read."""
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
-        try:
-            yield
-        finally:
-            facts["warnings"] = [str(each.message) for each in said if each.category in _TOLD]
-
-
-def _described(model: ModalModel) -> Facts:
-    errors = np.empty(0) if model.errors is None else model.errors[np.isfinite(model.errors)]
-    return {
-        "modes": len(model.frequencies),
-        "lowest": min(model.frequencies.tolist(), default=None),
-        "error": max(errors.tolist(), default=None),
-        "message": "; ".join(model.provenance.dropped),
-    }
-
-
-def _written(job: BodyJob, folder: Path, facts: Facts, model: ModalModel) -> Facts:
-    """Write sounds, then facts, and the model last: with it the job is finished."""
-    # Strikes that cannot be made leave what an earlier run has made.
-    chosen = [] if job.strikes is None else job.strikes.labels(model, job.output)
-    before, own = _facts(job, folder), Path(job.output).name
-    job.path(folder, FACTS).unlink(missing_ok=True)
-    mine = [name for name in before.get("files", {}) if Path(name).name.startswith(own)]
-    stay = [name for name in mine if job.strikes is None and not name.endswith(MODEL)]
-    for name in {*mine} - {*stay}:  # made with other options
-        (folder / name).unlink(missing_ok=True)
-    labels = chosen
-    if job.strikes is not None:
-        labels = job.strikes.written(model, chosen, job.output, folder)
-    data = model_file.to_bytes(model)
-    sounds = dict.fromkeys(label["sound"] for label in labels)
-    if old := [name for name in stay if (folder / name).is_file()]:
-        told = f"{counted(len(old), 'file')} of sounds of an earlier run: strikes= makes them anew"
-        facts["warnings"] = [*facts.get("warnings", []), told]
-        sounds |= dict.fromkeys(old)
-    sizes = {name: (folder / name).stat().st_size for name in sounds}
-    facts |= {"files": {**sizes, f"{job.output}{MODEL}": len(data)}, "labels": labels, **_cost()}
-    _keep(job, folder, facts)
-    write_bytes(job.path(folder), data)
-    return facts
-
-
-def _keep(job: BodyJob, folder: Path, facts: Facts) -> Facts:
-    write_bytes(job.path(folder, FACTS), json.dumps(facts, indent=1).encode())
-    return facts
-
-
-def kept(job: BodyJob, folder: Path) -> Facts | None:
-    """Return the facts of a job that was finished before, None where it was not."""
-    facts = _facts(job, folder)
-    try:
-        whole = all((folder / name).stat().st_size == n for name, n in facts["files"].items())
-    except (OSError, KeyError):
-        whole = "failure" in facts or bool(facts.get("parts"))
-    return facts if whole and facts.get("key") == job.key else None
-
-
-def _facts(job: BodyJob, folder: Path) -> Facts:
-    """Return the facts of a facts file, none where it is missing or damaged."""
-    with contextlib.suppress(StruckError, ValueError, RecursionError):
-        facts = json.loads(read_bytes(job.path(folder, FACTS)))
-        if isinstance(facts, dict) and isinstance(facts.get("files", {}), dict):
-            return facts
-    return {}
-
-
-def _cost() -> dict[str, float]:
-    """Return the processor time, s, and the peak of memory, bytes, of this process so far."""
-    guard.close()  # whose time counts once it has ended
-    try:
-        import resource
-    except ImportError:
-        return {"cpu": time.process_time(), "memory": 0.0}
-    both = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    unit = 1 if sys.platform == "darwin" else 1024
-    return {
-        "cpu": sum(each.ru_utime + each.ru_stime for each in both),
-        "memory": float(unit * max(each.ru_maxrss for each in both)),
-    }
-
-
-def _may_pass(error: BaseException | None) -> bool:
-    """Return whether an error, or its cause, may not occur again at a second try."""
-    while error is not None and not isinstance(error, OSError | MemoryError):
-        error = error.__cause__ or error.__context__
-    return error is not None
+    return [each for each in named if is_file(each)]

@@ -1,33 +1,22 @@
-"""Table of jobs: which mesh files are analyzed with which options, and their models' names.
-
-A job's key is the SHA-256 of its file's content, of its options and of what computes: what has the
-same key has the same model.
-"""
+"""Table of jobs: which mesh files are analyzed with which options, and their models' names."""
 
 from __future__ import annotations
 
 import csv
 import glob
-import hashlib
 import inspect
 import io
-import json
 import os
 import pickle
-import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from struck.analysis.analysis import analyze
-from struck.analysis.cached_steps import fingerprint, method
 from struck.analysis.source_options import applicable
-from struck.batch.strike_set import StrikeSet
+from struck.batch.job import MODEL, OPTIONS, BodyJob
 from struck.errors import (
     ArgumentError,
     FileFormatError,
@@ -36,84 +25,18 @@ from struck.errors import (
     nearest,
     require_choice,
 )
-from struck.files.atomic import is_file, is_folder, open_ordinary, read_bytes
-from struck.files.messages import FORMATS, READERS, ReadingLimits
+from struck.files.atomic import is_file, is_folder, read_bytes
+from struck.files.messages import FORMATS, READERS
 from struck.model.arrays import UNITS
 from struck.model.damping import require_band
 from struck.model.material import Material
 from struck.solids.resolution import level
 
-MODEL, FACTS = ".struck", ".facts.json"  # endings of a job's model, and of what is told of it
 _KINDS = {*FORMATS, *(suffix[1:] for suffix in READERS)}
 _PACKED = {".gz", ".bz2", ".xz", ".zip"}
-OPTIONS = {  # of `analyze`, with what they are unless given
-    name: each.default
-    for name, each in inspect.signature(analyze).parameters.items()
-    if name not in {"body", "material", "cache", "progress"}
-} | {"modes": None}
 _COLUMNS = {"file", "output", "material", *OPTIONS}
 Files = str | os.PathLike[str] | Iterable[str | os.PathLike[str]] | None
 Table = str | os.PathLike[str] | Sequence[Mapping[str, Any]] | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class BodyJob:
-    """A body to be analyzed, and where its model goes."""
-
-    file: str
-    output: str  # of its files below the folder, with "/" between, without an ending
-    material: Material | str
-    options: Mapping[str, Any]  # of `analyze`
-    strikes: StrikeSet | None = None
-    cache: bool | str = True
-    content: str = ""  # SHA-256 of the file
-    key: str = ""
-
-    def keyed(self) -> BodyJob:
-        """Return the job with its key, once its file has been read; OSError where it cannot be."""
-        damping, content = self.options.get("damping", "own"), self.content or content_of(self.file)
-        material = Material.of(self.material, damping)
-        strikes = None if self.strikes is None else (self.strikes.plain, self.output)
-        options = {
-            name: inspect.getsource(value) if inspect.isfunction(value) else value
-            for name, value in sorted(self.options.items())
-            if value is not OPTIONS[name] and name != "damping"
-        }
-        with suppress(KeyError, TypeError, ValueError):  # 20 is 20.0; what is wrong is told later
-            options["band"] = tuple(map(float, options["band"]))
-        key = fingerprint((method(), content, material, options, strikes))
-        return replace(self, content=content, key=key)
-
-    def for_part(self, name: str) -> BodyJob:
-        """Return the job of one body of several."""
-        output = "-".join((self.output, re.sub(r"[^\w.-]", "_", name)))
-        return replace(self, output=output, options={**self.options, "part": name}).keyed()
-
-    def path(self, folder: Path, ending: str = MODEL) -> Path:
-        """Return the path of one of a job's output files."""
-        return folder / f"{self.output}{ending}"
-
-
-def content_of(file: str) -> str:
-    """Return the SHA-256 of a mesh file and a glTF's buffers; OSError without it."""
-    path, digest = Path(file), hashlib.sha256()
-    for each in (path, *_companions(path)):
-        with open_ordinary(each) as opened:
-            size = os.fstat(opened.fileno()).st_size
-            digest.update(size.to_bytes(8, "little"))
-            if size <= ReadingLimits().size:  # no reader takes a larger one
-                digest.update(hashlib.sha256(opened.read()).digest())
-    return digest.hexdigest()
-
-
-def _companions(path: Path) -> list[Path]:
-    """Return the files that a glTF file names and that are there."""
-    try:
-        buffers = json.loads(read_bytes(path))["buffers"] if path.suffix.lower() == ".gltf" else ()
-        named = [path.with_name(str(each.get("uri"))) for each in buffers]
-    except (FileFormatError, ValueError, LookupError, AttributeError, TypeError, RecursionError):
-        return []
-    return [each for each in named if is_file(each)]
 
 
 def jobs_of(

@@ -17,12 +17,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from struck.batch.job import ALLOWED, Facts
-from struck.batch.job_table import BodyJob
-from struck.core.child_process import python_command, python_environment
+from struck.batch.job import BodyJob
+from struck.batch.job_process import ALLOWED, Facts
 from struck.errors import SolverError
+from struck.processes.child_process import python_command, python_environment
 
-_PROGRAM = "from struck.batch.job import main; main()"
+_PROGRAM = "from struck.batch.job_process import main; main()"
 
 
 def failure(kind: str, message: str) -> Facts:

@@ -9,10 +9,10 @@ from struck import analyze_many
 from struck.cli import SOME_FAILED, Result
 from struck.cli.analyze import add_how, how
 from struck.cli.options import add_budget, add_fade, material_of
-from struck.core.termination import orderly_end
 from struck.errors import OptionError, counted
 from struck.files.atomic import is_file
 from struck.model.provenance import TerminalProgress
+from struck.processes.termination import orderly_end
 
 EXAMPLES = (
     "'meshes/**/*.obj' --material steel -o models",

@@ -8,9 +8,9 @@ from pathlib import Path
 import struck
 from struck.cli import Result
 from struck.cli.options import names
-from struck.core.termination import orderly_end
 from struck.errors import OptionError
 from struck.model.provenance import TerminalProgress
+from struck.processes.termination import orderly_end
 
 EXAMPLES = ("bell.struck glass.struck", "--objects string,bell")
 

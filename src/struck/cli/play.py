@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 import struck
 from struck.cli import Result
 from struck.cli.options import add_budget, add_listener, listener, refuse, require_alone, same
-from struck.core.termination import orderly_end
 from struck.errors import DeviceError, OptionError, printable
 from struck.model.provenance import TerminalProgress
+from struck.processes.termination import orderly_end
 
 if TYPE_CHECKING:
     from struck.live.keys import Keys, Robot

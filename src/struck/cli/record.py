@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 from struck.cli import Result
 from struck.cli.options import require_alone
 from struck.cli.play import device as device_of
-from struck.core.termination import orderly_end
 from struck.errors import DeviceError, OptionError, RecordingError, printable
 from struck.files.atomic import is_file
 from struck.model.provenance import TerminalProgress
+from struck.processes.termination import orderly_end
 
 if TYPE_CHECKING:
     from struck.recordings.capture import Outcome, Recorder

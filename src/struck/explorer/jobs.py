@@ -20,7 +20,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from struck.core.child_process import python_command, python_environment
 from struck.errors import FileFormatError, SolverError
 from struck.explorer.facts import facts
 from struck.explorer.objects import Thing, things
@@ -28,6 +27,7 @@ from struck.explorer.page_files import model_bytes
 from struck.files import model_file
 from struck.files.atomic import write_bytes
 from struck.model.model import ModalModel
+from struck.processes.child_process import python_command, python_environment
 
 PROCESSES = 2
 PAGED = ".page"  # ending of what the page reads

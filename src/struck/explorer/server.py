@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from struck.core.build import LIBRARIES
-from struck.core.termination import orderly_end
 from struck.errors import MissingDependencyError, OptionError, StruckError, require_choice
 from struck.excitation.hertz import strikers
 from struck.explorer.facts import change
@@ -31,6 +30,7 @@ from struck.explorer.private_folder import PrivateFolder
 from struck.model.arrays import checked
 from struck.model.material import materials
 from struck.model.model import ModalModel
+from struck.processes.termination import orderly_end
 
 if TYPE_CHECKING:
     from starlette.applications import Starlette

@@ -21,7 +21,6 @@ from typing import IO, NoReturn, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.core.child_process import python_command, python_environment
 from struck.errors import MeshError, MissingDependencyError, rounded
 from struck.files.messages import (
     FORMATS,
@@ -34,6 +33,7 @@ from struck.files.messages import (
     read_frame,
     write_frame,
 )
+from struck.processes.child_process import python_command, python_environment
 
 Answer = TypeVar("Answer")
 

@@ -29,7 +29,7 @@ from struck.files.messages import READERS, ElementBlocks, Part
 from struck.model.arrays import UNITS, Array, Index, checked, numbers
 from struck.model.mesh import Arrays, Mesh, indices
 from struck.model.mesh_topology import bodies, submesh
-from struck.solids.fem.elements import ELEMENTS
+from struck.solids.elements import ELEMENTS
 from struck.solids.surface.closedness import crossings, is_closed, require_closed, winding
 from struck.solids.surface.repair import DEBRIS, Repair, largest_of, repaired, require_holes
 from struck.solids.surface.welding import lines, sewn

@@ -1,4 +1,4 @@
-from .far_field import Heuristic1998 as Heuristic1998
-from .far_field import ObrienCoupling as ObrienCoupling
-from .far_field import RadiatedPower as RadiatedPower
-from .far_field import by_name as by_name
+from .radiated_power import Heuristic1998 as Heuristic1998
+from .radiated_power import ObrienCoupling as ObrienCoupling
+from .radiated_power import RadiatedPower as RadiatedPower
+from .radiated_power import by_name as by_name

@@ -9,7 +9,7 @@ import numpy as np
 from struck.files.atomic import write_bytes
 from struck.model.arrays import Array
 from struck.model.mesh import Mesh
-from struck.solids.filling.stuffing import stuffed
+from struck.solids.lattice import stuffed
 
 # Parts as rounded cones from one ball to another: (centre, radius) twice, m.
 _PARTS = (

@@ -17,7 +17,7 @@ from struck.files.sound import Sound
 from struck.model.gains import ExpandedGains, ShapeGains
 from struck.model.html import document, modes_table, picture
 from struck.model.model import ModalModel
-from struck.radiation.far_field import decays_by_sound
+from struck.radiation.radiated_power import decays_by_sound
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -2,10 +2,10 @@
 
 The force of a simulation is no sound: its steps are longer than a blow, and a soft solver makes a
 blow longer still. What it knows well is the impulse. So rows of a log are parted into blows and
-loads (`struck.scene.touches`). A blow keeps impulse, time, place and direction of its rows, and
-gets the duration that elastic impact of the two bodies gives (Hertz: materials, curvatures, and the
-masses with which they give way there). A lasting load by itself is silent; what slides or rolls
-under it sounds by its roughness (`struck.scene.sustained_contact`).
+loads (`struck.scene.impact_detection`). A blow keeps impulse, time, place and direction of its
+rows, and gets the duration that elastic impact of the two bodies gives (Hertz: materials,
+curvatures, and the masses with which they give way there). A lasting load by itself is silent; what
+slides or rolls under it sounds by its roughness (`struck.scene.sustained_contact`).
 
 Both bodies get the same force, with opposite sign.
 """
@@ -28,8 +28,8 @@ from struck.model.mesh import barycentric
 from struck.model.model import ModalModel
 from struck.scene.body import Action, Body, Scene, centre_of, material_of
 from struck.scene.contacts import Contacts
+from struck.scene.impact_detection import Pair, Touches, pairs_of, touches_of
 from struck.scene.sustained_contact import SustainedContact, loaded
-from struck.scene.touches import Pair, Touches, pairs_of, touches_of
 
 FORCES = ("events", "impulses2002", "gaussian2002", "noise2002")
 SLOWEST = 2e-3  # m/s: what changes the speed of two bodies by less is no blow

@@ -30,7 +30,7 @@ from struck.model.material import Material, materials
 from struck.model.model import ModalModel
 from struck.scene.body import Body, centre_of, material_of
 from struck.scene.contacts import Contacts
-from struck.scene.touches import Pair, Touches
+from struck.scene.impact_detection import Pair, Touches
 
 _SMOOTH = 30e-3  # s, over which load, place and speed are averaged: no step of the solver is left
 _CONTROL = 5e-3  # s, from one value of these to the next

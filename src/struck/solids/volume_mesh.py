@@ -11,7 +11,7 @@ import numpy as np
 from struck.errors import MeshError
 from struck.model.arrays import Array, Index, Mask, checked, numbers
 from struck.model.mesh import Mesh, indices
-from struck.solids.fem.elements import ELEMENTS, PROMOTED, Element
+from struck.solids.elements import ELEMENTS, PROMOTED, Element
 
 FUNCTIONS_A_NODE = 3.0
 """Functions of cubic displacements a node of their elements, about."""

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from struck.solids.filling.stuffing import Cells, Lattice, refined
+from struck.solids.lattice import Cells, Lattice, refined
 from tests.solids.shapes import dihedral_angles, face_counts, volumes
 
 Depths = Callable[[np.ndarray], np.ndarray]

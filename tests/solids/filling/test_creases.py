@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from struck.solids.filling.filling import curved, flatness, shapes
-from struck.solids.filling.stuffing import Cells, cells_in
+from struck.solids.lattice import Cells, cells_in
 from struck.solids.volume_mesh import VolumeMesh
 from tests.physics.bodies import distorted, grid
 

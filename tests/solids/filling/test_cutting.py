@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from struck.solids.filling.stuffing import Cells
+from struck.solids.lattice import Cells
 from struck.solids.volume_mesh import VolumeMesh
 from tests.physics.bodies import distorted, grid
 from tests.solids.shapes import face_counts, volumes

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from struck import Mesh
 from struck.solids import VolumeMesh
 from struck.solids.filling.filling import Features, curved, flatness
-from struck.solids.filling.stuffing import cells_in
+from struck.solids.lattice import cells_in
 from struck.solids.surface.distance import FilledBody
 from tests.physics.bodies import ball, box
 

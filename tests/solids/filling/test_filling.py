@@ -22,7 +22,7 @@ from struck.solids.filling.filling import (
     flatness,
     piece_count,
 )
-from struck.solids.filling.stuffing import cells_in, stuffed
+from struck.solids.lattice import cells_in, stuffed
 from struck.solids.surface.closedness import is_closed, require_closed
 from struck.solids.surface.distance import FilledBody
 from struck.solids.volume_mesh import unique_rows

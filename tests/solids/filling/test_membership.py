@@ -14,9 +14,9 @@ from struck.errors import MeshError
 from struck.model.mesh import Mesh
 from struck.solids.filling.filling import filled, flatness, piece_count
 from struck.solids.filling.membership import mended
-from struck.solids.filling.stuffing import cells_in
+from struck.solids.filling.thin_walls import Segments, SheetedBody, ThinBody
+from struck.solids.lattice import cells_in
 from struck.solids.surface.distance import FilledBody
-from struck.solids.surface.thin_walls import Segments, SheetedBody, ThinBody
 from struck.solids.volume_mesh import VolumeMesh
 from tests.physics import everyday
 

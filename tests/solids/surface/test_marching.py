@@ -8,7 +8,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from struck.model.mesh import Mesh
-from struck.solids.filling.stuffing import Lattice
+from struck.solids.lattice import Lattice
 from struck.solids.surface.closedness import INSIDE, winding
 from struck.solids.surface.rebuilding import inside, isosurface
 

@@ -15,7 +15,7 @@ from struck.model.arrays import Array
 from struck.scene.contacts import Contacts
 from struck.scene.engines.links import Link, mass_properties, owners, touches, triangles
 from struck.scene.engines.restitution import rebound
-from struck.scene.touches import BRIEF_STEPS
+from struck.scene.impact_detection import BRIEF_STEPS
 
 if TYPE_CHECKING:
     import mujoco

@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING
 from urllib.parse import unquote
 from xml.etree import ElementTree as ET
 
-from struck.core.child_process import safe_children
 from struck.errors import (
     FileFormatError,
     MeshError,
@@ -30,6 +29,7 @@ from struck.errors import (
 from struck.files.atomic import is_file, read_bytes, real
 from struck.files.meshes import load_surface
 from struck.files.recognition import another_kind
+from struck.processes.child_process import safe_children
 
 if TYPE_CHECKING:
     import mujoco

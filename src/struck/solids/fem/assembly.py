@@ -20,7 +20,7 @@ from scipy import sparse
 from struck.errors import MeshError
 from struck.model.arrays import Array, Complex, Index, Mask
 from struck.model.material import Material
-from struck.solids.fem.elements import ELEMENTS, PROMOTED, TET_14, TET_24, Quadrature
+from struck.solids.elements import ELEMENTS, PROMOTED, TET_14, TET_24, Quadrature
 from struck.solids.volume_mesh import VolumeMesh
 
 _STEP = 1e-30  # derivatives by complex steps are exact

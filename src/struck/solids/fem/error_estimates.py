@@ -14,8 +14,8 @@ from struck.model.arrays import Array
 from struck.model.material import Material
 from struck.model.mesh import Mesh, Surface
 from struck.model.modes import Modes
+from struck.solids.elements import ELEMENTS, Element
 from struck.solids.fem.assembly import Displacements, Hierarchic
-from struck.solids.fem.elements import ELEMENTS, Element
 from struck.solids.volume_mesh import VolumeMesh
 
 _COLUMNS = 32

@@ -15,7 +15,7 @@ from struck.errors import MeshError, rounded
 from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Closest, Mesh, Surface
 from struck.model.mesh_topology import components, edges_of
-from struck.solids.filling.stuffing import (
+from struck.solids.lattice import (
     Cells,
     Lattice,
     NoCellsError,
@@ -28,7 +28,7 @@ from struck.solids.surface.distance import THINNEST, FilledBody, WalledSheet
 from struck.solids.volume_mesh import FUNCTIONS_A_NODE, VolumeMesh, unique_rows
 
 if TYPE_CHECKING:
-    from struck.solids.surface.thin_walls import ThinBody
+    from struck.solids.filling.thin_walls import ThinBody
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -173,11 +173,11 @@ def filled_coarsely(
 def _as_it_is(body: FilledBody | WalledSheet, goal: Accuracy) -> tuple[Body, Accuracy]:
     """Return a solid as a thin body where a lattice that it would not tear takes many nodes."""
     if not isinstance(body, FilledBody):
-        from struck.solids.surface.thin_walls import with_both_faces
+        from struck.solids.filling.thin_walls import with_both_faces
 
         body = with_both_faces(body) or body
     elif body.wall is not None:
-        from struck.solids.surface.thin_walls import with_inner_face
+        from struck.solids.filling.thin_walls import with_inner_face
 
         body = with_inner_face(body) or body
     if not isinstance(body, FilledBody) or not body.is_solid:
@@ -185,7 +185,7 @@ def _as_it_is(body: FilledBody | WalledSheet, goal: Accuracy) -> tuple[Body, Acc
     thin = nodes_for(body, THINNEST * body.thickness) > _SOLID * goal.nodes
     if not thin:
         return body, goal
-    from struck.solids.surface.thin_walls import ThinBody  # few bodies need it
+    from struck.solids.filling.thin_walls import ThinBody  # few bodies need it
 
     return ThinBody(solid=body), replace(goal, most=goal.thin)
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh_topology import components
-from struck.solids.filling.stuffing import Cells, Depths, determinants, shape_of
+from struck.solids.lattice import Cells, Depths, determinants, shape_of
 from struck.solids.volume_mesh import VolumeMesh
 
 _JUDGED = 16  # cells of each region, the largest ones: they mostly agree

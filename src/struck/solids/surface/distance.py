@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 from struck.model.arrays import Array
 from struck.model.mesh import Closest, Mesh, Surface, barycentric
 from struck.model.mesh_topology import edges_of
-from struck.solids.filling.stuffing import Lattice
+from struck.solids.lattice import Lattice
 from struck.solids.surface.closedness import INSIDE
 
 if TYPE_CHECKING:

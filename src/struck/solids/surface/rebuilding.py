@@ -16,7 +16,7 @@ from struck.errors import MeshError, rounded
 from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Mesh, Surface
 from struck.model.mesh_topology import edges_of, extremes, pieces, submesh, volumes_of
-from struck.solids.filling.stuffing import Cells, Lattice, warped
+from struck.solids.lattice import Cells, Lattice, warped
 from struck.solids.surface.closedness import INSIDE, Shells, halves, is_closed, unit_factor, winding
 from struck.solids.volume_mesh import side_keys
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from struck.scene.touches import touches_of
+from struck.scene.impact_detection import touches_of
 
 Array = NDArray[np.float64]
 WEIGHT = 9.81  # N of 1 kg

@@ -22,7 +22,7 @@ from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Closest, Mesh, Surface, barycentric
 from struck.model.mesh_topology import components, edges_of, turned_faces
 from struck.solids.filling.membership import kept
-from struck.solids.filling.stuffing import Judge
+from struck.solids.lattice import Judge
 from struck.solids.surface.closedness import crossings
 from struck.solids.surface.distance import THINNEST, FilledBody, WalledSheet
 

@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 
 from struck.model.mesh import Mesh, Surface
 from struck.solids.filling.filling import filled
-from struck.solids.surface.distance import FilledBody
-from struck.solids.surface.thin_walls import (
+from struck.solids.filling.thin_walls import (
     Segments,
     SheetedBody,
     ThinBody,
     balls_at,
 )
+from struck.solids.surface.distance import FilledBody
 from tests.physics.bodies import ball, box
 from tests.physics.everyday import BODIES as EVERYDAY
 from tests.physics.test_thin_bodies import between, rounded, turned

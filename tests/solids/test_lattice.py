@@ -11,7 +11,7 @@ from struck.errors import MeshError
 from struck.solids import Extrusion, VolumeMesh
 from struck.solids.fem.vibration import vibration_modes
 from struck.solids.filling.filling import curved, filled, piece_count
-from struck.solids.filling.stuffing import Cells, cells_in, stuffed
+from struck.solids.lattice import Cells, cells_in, stuffed
 from struck.solids.surface.distance import FilledBody
 from tests.physics.bodies import ALUMINIUM, ball, box, bumpy
 from tests.solids.shapes import dihedral_angles, face_counts, volumes

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from struck.solids.fem.elements import ELEMENTS, PROMOTED, Element, Quadrature
+from struck.solids.elements import ELEMENTS, PROMOTED, Element, Quadrature
 
 Array = NDArray[np.float64]
 KINDS = sorted(ELEMENTS)

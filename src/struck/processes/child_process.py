@@ -1,7 +1,7 @@
 """Python processes that struck starts: none imports a module from the current folder.
 
 With ``-m`` or ``-c`` alone Python looks for modules in the current folder first, so that a file
-``numpy.py`` beside a downloaded mesh would run.
+``numpy.py`` in the folder of a downloaded mesh would run.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-_SAFE = "PYTHONSAFEPATH"  # variable of the environment, which does as -P
+_VARIABLE = "PYTHONSAFEPATH"  # of the environment, with the effect of -P
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
@@ -26,19 +26,21 @@ def python_environment() -> dict[str, str]:
     package = Path(__file__).resolve().parents[2]
     folders = [str(Path(path).absolute()) for path in (*sys.path, package) if path]
     # A name with a separator in it would be read as two.
-    modules = os.pathsep.join(each for each in dict.fromkeys(folders) if os.pathsep not in each)
+    modules = os.pathsep.join(
+        folder for folder in dict.fromkeys(folders) if os.pathsep not in folder
+    )
     return {**os.environ, **_ONE_THREAD, "PYTHONPATH": modules}
 
 
 @contextmanager
 def safe_children() -> Iterator[None]:
-    """Let each Python that a library starts within a block pass over the current folder, too."""
-    before = os.environ.get(_SAFE)
-    os.environ[_SAFE] = "1"
+    """Start no Python within a block that imports from the current folder, in libraries too."""
+    previous = os.environ.get(_VARIABLE)
+    os.environ[_VARIABLE] = "1"
     try:
         yield
     finally:
-        if before is None:
-            del os.environ[_SAFE]
+        if previous is None:
+            del os.environ[_VARIABLE]
         else:
-            os.environ[_SAFE] = before
+            os.environ[_VARIABLE] = previous

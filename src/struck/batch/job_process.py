@@ -1,0 +1,267 @@
+"""A job in a process of its own: one body is analyzed, and its files are written whole.
+
+The process that `processes` starts loads struck once, and forks for each job. It reads jobs as
+pickles on standard input and answers lines of JSON on standard output; it ends with its input.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import pickle
+import signal
+import sys
+import threading
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from struck.analysis.analysis import CERTAIN, analyze
+from struck.batch.job import FACTS, MODEL, BodyJob, content_of
+from struck.errors import (
+    CacheWarning,
+    ContactError,
+    LossWarning,
+    MaterialError,
+    MeshError,
+    OptionError,
+    RepairWarning,
+    ScaleWarning,
+    SolverError,
+    StruckError,
+    counted,
+)
+from struck.files import guard, meshes, model_file
+from struck.files.atomic import read_bytes, write_bytes
+from struck.model.model import ModalModel
+from struck.model.provenance import ForecastStage
+from struck.perception.audibility import within_budget
+from struck.solids.resolution import coarser
+
+Facts = dict[str, Any]  # what a job tells, as JSON values
+GIB = 2**30
+ALLOWED = b"+"
+_KEPT_ERRORS = (MeshError, MaterialError, OptionError, ContactError)  # which come again
+_TOLD = (CacheWarning, LossWarning, RepairWarning, ScaleWarning)
+_FIRST_TO_GO = b"500"  # of 1,000: where memory is short the system ends a job, not its user's work
+_SLACK = 2 * GIB  # bytes that libraries reserve beside what they use
+
+
+# The process
+
+
+def main() -> None:
+    """Do one job after the other, each in a fork where the system has them, until input ends."""
+    import rslab  # noqa: F401 - once for all jobs, as all that stands above
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the program
+    answers = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # libraries print elsewhere
+    while size := _read(8):
+        asked = _read(int.from_bytes(size, "little"))
+        if not hasattr(os, "fork"):
+            _answer(asked, answers)
+            _tell(answers, ended=0)
+            continue
+        child = os.fork()
+        if not child:
+            try:
+                _answer(asked, answers)
+            except BaseException:  # noqa: BLE001 - whatever it is, this fork must not go on
+                os._exit(1)
+            os._exit(0)
+        _tell(answers, ended=os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+
+
+def _read(count: int) -> bytes:
+    """Return a number of bytes of standard input, or none where it ends before."""
+    data = b""
+    while len(data) < count and (more := os.read(0, count - len(data))):
+        data += more
+    return data if len(data) == count else b""
+
+
+def _tell(answers: IO[str], **told: object) -> None:
+    answers.write(json.dumps(told) + "\n")
+    answers.flush()
+
+
+def _answer(asked: bytes, answers: IO[str]) -> None:
+    """Do the job that a pickle of (job, folder, memory) holds, and write its facts to `answers`."""
+    job, folder, memory = pickle.loads(asked)  # noqa: S301 - from who started this process
+    allowed = threading.Event()
+    threading.Thread(target=_listen, args=(allowed,), daemon=True).start()
+    _confine(memory)
+
+    below = coarser(job.options.get("accuracy") or "standard")
+
+    def wait(stage: str, _fraction: float) -> None:
+        if isinstance(stage, ForecastStage):
+            if memory is not None and stage.memory > CERTAIN * memory:
+                raise SolverError(
+                    f"finding its modes needs about {stage.memory / GIB:.1f} GiB of memory, and it "
+                    f"may take {memory / GIB:.1f} GiB: give more memory=, "
+                    f"{below}{', ' if below else ''}a narrower band or a simpler mesh"
+                )
+            _tell(answers, forecast=stage.memory)
+            allowed.wait()
+
+    _tell(answers, facts=done(job, Path(folder), wait))
+
+
+def _listen(allowed: threading.Event) -> None:
+    """Wait for the parent's leave to compute; once the parent is gone, end the whole group."""
+    while os.read(0, 1) == ALLOWED:
+        allowed.set()
+    if hasattr(os, "killpg"):
+        os.killpg(0, signal.SIGKILL)
+    os._exit(1)
+
+
+def _confine(memory: int | None) -> None:
+    """Bound the memory of this process, and offer it to the system as the first to be ended."""
+    with contextlib.suppress(OSError):
+        Path("/proc/self/oom_score_adj").write_bytes(_FIRST_TO_GO)
+    with contextlib.suppress(ImportError, OSError, ValueError):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        if memory is not None:
+            hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
+            resource.setrlimit(resource.RLIMIT_DATA, (memory + _SLACK, hard))
+
+
+# The job
+
+
+def done(job: BodyJob, folder: Path, progress: Callable[[str, float], None]) -> Facts:
+    """Analyze a body, write its model into a folder, and return the facts of its facts file."""
+    facts: Facts = {"key": job.key}
+    try:
+        job.path(folder).parent.mkdir(parents=True, exist_ok=True)
+        with _noting_warnings(facts):
+            facts["parts"] = _several(job)
+            if facts["parts"]:
+                return _keep(job, folder, facts)
+            how = {**job.options, "cache": job.cache, "progress": progress}
+            given = {"body": job.file, "material": job.material}
+            model = within_budget(how.pop("modes", None), analyze, **given, **how)
+        if content_of(job.file) != job.content:
+            raise OSError(f"{job.file} changed while it was read: run it again")  # noqa: TRY301
+        return _written(job, folder, facts | _described(model), model)
+    except Exception as error:  # noqa: BLE001 - whatever is wrong with one file, the rest goes on
+        short = "memory is short: give it more, or run fewer jobs at once (processes=)"
+        message = short if isinstance(error, MemoryError) else str(error)
+        facts |= {"failure": type(error).__name__, "message": message, **_cost()}
+        if isinstance(error, _KEPT_ERRORS) and not _may_pass(error):
+            with contextlib.suppress(StruckError):
+                _keep(job, folder, facts)
+        return facts
+
+
+def _several(job: BodyJob) -> list[str]:
+    """Return the names of a file's bodies where it holds several and none was chosen."""
+    if job.options.get("part") is not None or Path(job.file).suffix.lower() in meshes.SUFFIXES:
+        return []
+    try:
+        return meshes.body_names(job.file)
+    except MeshError:  # the analysis tells it, after repair
+        return []
+
+
+@contextlib.contextmanager
+def _noting_warnings(facts: Facts) -> Iterator[None]:
+    """Note the warnings that a person should read."""
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        try:
+            yield
+        finally:
+            facts["warnings"] = [str(each.message) for each in said if each.category in _TOLD]
+
+
+def _described(model: ModalModel) -> Facts:
+    errors = np.empty(0) if model.errors is None else model.errors[np.isfinite(model.errors)]
+    return {
+        "modes": len(model.frequencies),
+        "lowest": min(model.frequencies.tolist(), default=None),
+        "error": max(errors.tolist(), default=None),
+        "message": "; ".join(model.provenance.dropped),
+    }
+
+
+def _written(job: BodyJob, folder: Path, facts: Facts, model: ModalModel) -> Facts:
+    """Write sounds, then facts, and the model last: with it the job is finished."""
+    # Strikes that cannot be made leave what an earlier run has made.
+    chosen = [] if job.strikes is None else job.strikes.labels(model, job.output)
+    before, own = _facts(job, folder), Path(job.output).name
+    job.path(folder, FACTS).unlink(missing_ok=True)
+    mine = [name for name in before.get("files", {}) if Path(name).name.startswith(own)]
+    stay = [name for name in mine if job.strikes is None and not name.endswith(MODEL)]
+    for name in {*mine} - {*stay}:  # made with other options
+        (folder / name).unlink(missing_ok=True)
+    labels = chosen
+    if job.strikes is not None:
+        labels = job.strikes.written(model, chosen, job.output, folder)
+    data = model_file.to_bytes(model)
+    sounds = dict.fromkeys(label["sound"] for label in labels)
+    if old := [name for name in stay if (folder / name).is_file()]:
+        told = f"{counted(len(old), 'file')} of sounds of an earlier run: strikes= makes them anew"
+        facts["warnings"] = [*facts.get("warnings", []), told]
+        sounds |= dict.fromkeys(old)
+    sizes = {name: (folder / name).stat().st_size for name in sounds}
+    facts |= {"files": {**sizes, f"{job.output}{MODEL}": len(data)}, "labels": labels, **_cost()}
+    _keep(job, folder, facts)
+    write_bytes(job.path(folder), data)
+    return facts
+
+
+def _keep(job: BodyJob, folder: Path, facts: Facts) -> Facts:
+    write_bytes(job.path(folder, FACTS), json.dumps(facts, indent=1).encode())
+    return facts
+
+
+def kept(job: BodyJob, folder: Path) -> Facts | None:
+    """Return the facts of a job that was finished before, None where it was not."""
+    facts = _facts(job, folder)
+    try:
+        whole = all((folder / name).stat().st_size == n for name, n in facts["files"].items())
+    except (OSError, KeyError):
+        whole = "failure" in facts or bool(facts.get("parts"))
+    return facts if whole and facts.get("key") == job.key else None
+
+
+def _facts(job: BodyJob, folder: Path) -> Facts:
+    """Return the facts of a facts file, none where it is missing or damaged."""
+    with contextlib.suppress(StruckError, ValueError, RecursionError):
+        facts = json.loads(read_bytes(job.path(folder, FACTS)))
+        if isinstance(facts, dict) and isinstance(facts.get("files", {}), dict):
+            return facts
+    return {}
+
+
+def _cost() -> dict[str, float]:
+    """Return the processor time, s, and the peak of memory, bytes, of this process so far."""
+    guard.close()  # whose time counts once it has ended
+    try:
+        import resource
+    except ImportError:
+        return {"cpu": time.process_time(), "memory": 0.0}
+    both = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    unit = 1 if sys.platform == "darwin" else 1024
+    return {
+        "cpu": sum(each.ru_utime + each.ru_stime for each in both),
+        "memory": float(unit * max(each.ru_maxrss for each in both)),
+    }
+
+
+def _may_pass(error: BaseException | None) -> bool:
+    """Return whether an error, or its cause, may not occur again at a second try."""
+    while error is not None and not isinstance(error, OSError | MemoryError):
+        error = error.__cause__ or error.__context__
+    return error is not None

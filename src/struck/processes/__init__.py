@@ -1,0 +1,1 @@
+"""Processes that struck starts, and the orderly end of the present one."""
