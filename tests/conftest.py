@@ -20,8 +20,10 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 # Tests of the cache name a folder of their own; nobody's real one is touched.
 os.environ["STRUCK_CACHE"] = "off"
 
-# Whoever starts tests in the background may have switched Ctrl-C off, and children inherit that.
+# A run in the background may ignore Ctrl-C, and one by nohup SIGHUP: children would inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+if hasattr(signal, "SIGHUP"):
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 hypothesis.settings.register_profile("struck", derandomize=True, deadline=None, database=None)
 hypothesis.settings.load_profile("struck")

@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "src/struck"
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 
-ENTRIES, PUBLIC_NAMES = 22, 40
+PUBLIC_NAMES = 40
 # Libraries that are imported by the function that uses them.
 HEAVY = {"igl", "manifold3d", "matplotlib", "meshio", "scipy.signal", "trimesh"}
 # Paths of one machine, and where packages are fetched from.

@@ -7,7 +7,7 @@ import importlib
 import inspect
 import re
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 PACKAGE = Path(__file__).parents[1] / "src/struck"
+Documented = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 
 SHAPE = re.compile(r"\(\s*[\w+*`/ -]+(?:,\s*[\w+*/. -]*)+\)")
 UNIT = re.compile(
@@ -150,10 +151,27 @@ def trees() -> dict[Path, ast.Module]:
 
 
 @cache
+def documented() -> list[tuple[Path, Documented]]:
+    """Return each module, class and function, with the file that defines it.
+
+    Expressions are not entered, which are most of the nodes of a syntax tree.
+    """
+
+    def inside(node: ast.AST) -> Iterator[Documented]:
+        if isinstance(node, Documented):
+            yield node
+        for name in ("body", "orelse", "handlers", "finalbody"):
+            statements = getattr(node, name, ())
+            for statement in statements if isinstance(statements, list) else ():
+                yield from inside(statement)
+
+    return [(path, node) for path, tree in trees().items() for node in inside(tree)]
+
+
+@cache
 def classes() -> set[str]:
     """Return the names of all classes."""
-    nodes = (node for tree in trees().values() for node in ast.walk(tree))
-    return {node.name for node in nodes if isinstance(node, ast.ClassDef)}
+    return {node.name for _, node in documented() if isinstance(node, ast.ClassDef)}
 
 
 @cache
@@ -186,17 +204,15 @@ def unknown_names(text: str, fields: dict[str, str] | None = None) -> list[str]:
 
 def test_names_of_classes_in_docstrings_exist() -> None:
     wrong = {}
-    kinds = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
-    for path, tree in trees().items():
-        for node in ast.walk(tree):
-            if isinstance(node, kinds) and (text := ast.get_docstring(node)):
-                fields = {
-                    each.target.id: ast.unparse(each.annotation)
-                    for each in node.body
-                    if isinstance(each, ast.AnnAssign) and isinstance(each.target, ast.Name)
-                }
-                if unknown := unknown_names(text, fields):
-                    wrong[f"{path.stem}.{getattr(node, 'name', '')}"] = unknown
+    for path, node in documented():
+        if text := ast.get_docstring(node):
+            fields = {
+                each.target.id: ast.unparse(each.annotation)
+                for each in node.body
+                if isinstance(each, ast.AnnAssign) and isinstance(each.target, ast.Name)
+            }
+            if unknown := unknown_names(text, fields):
+                wrong[f"{path.stem}.{getattr(node, 'name', '')}"] = unknown
     assert not wrong
 
 

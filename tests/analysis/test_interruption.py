@@ -181,24 +181,24 @@ def killed_and_finished(
 
 
 @pytest.mark.prove
-def test_fifty_kills_at_random_moments_change_nothing(
+def test_twenty_kills_at_random_moments_change_nothing(
     body: Path, tmp_path: Path, undisturbed: tuple[bytes, set[str]]
 ) -> None:
     """From the first moment to the last, on as many caches as that takes."""
     rng = np.random.default_rng(9)
     seconds = np.inf
     kills = resumed = runs = 0
-    while kills < 50:
+    while kills < 20:
         runs += 1
         analysis = prepared(body, tmp_path / str(runs))
-        delays = seconds * rng.uniform(0.2, 1.0, min(5, 50 - kills)) if runs > 1 else []
+        delays = seconds * rng.uniform(0.2, 1.0, min(5, 20 - kills)) if runs > 1 else []
         start = time.perf_counter()
         done = killed_and_finished(analysis, list(delays), undisturbed)
         kills, resumed = kills + done[0], resumed + done[1]
         if not done[0]:  # so long it takes; the machine may have become faster since
             seconds = min(seconds, time.perf_counter() - start)
-        assert runs <= 110
-    assert resumed >= 5
+        assert runs <= 44
+    assert resumed >= 2
 
 
 @pytest.mark.prove

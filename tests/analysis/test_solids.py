@@ -18,21 +18,21 @@ from struck.solids.resolution import Forecast
 from tests.physics.bodies import ALUMINIUM
 
 MODES = 12  # of each body that are compared
-WALLS = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)
+WALLS = (1.0, 0.5, 0.1, 0.02, 0.005)
 
 
 def swept() -> dict[str, Tube | Block]:
-    """Return sixty tubes, rods, discs and blocks, from as thick as wide to 1:200."""
+    """Return thirty tubes, rods, discs and blocks, from as thick as wide to 1:200."""
     bodies: dict[str, Tube | Block] = {}
-    for length in (0.3, 0.6, 2.0, 8.0):
-        for wall in WALLS:
+    for length, walls in ((0.3, WALLS), (2.0, WALLS), (8.0, (0.1, 0.005))):
+        for wall in walls:
             tube = Tube(length=length * 0.05, radius=0.05, wall=wall * 0.05)
             bodies[f"tube {length:g}, wall {wall:g}"] = tube
     for thickness in (2.0, *WALLS):
         disc = Tube(length=2 * thickness * 0.05, radius=0.05, wall=0.05)
         bodies[f"disc {thickness:g}"] = disc
     for width in (1.0, 0.5, 0.1):
-        for thickness in (1.0, 0.5, 0.2, 0.1, 0.02, 0.01, 0.005):
+        for thickness in (1.0, 0.2, 0.05, 0.005):
             bodies[f"block {width:g} x {thickness:g}"] = Block(
                 size=(0.1, 0.1 * width, min(0.1 * thickness, 0.1 * width))
             )

@@ -27,7 +27,7 @@ from struck.solids.surface.closedness import require_closed
 Change = Callable[[bytearray, np.random.Generator], bytearray]
 
 SEEDS = ["obj", "ascii.stl", "stl", "ascii.ply", "ply", "off", "glb", "gltf"]
-SAMPLE, ALL = 25, 625  # of each seed: 200 and 5,000 files
+SAMPLE, ALL = 25, 250  # of each seed: 200 and 2,000 files
 BEGIN = {"ascii.ply": 11, "off": 30, "glb": 12}  # past files that take seconds to repair
 TEXT = {"obj", "ascii.stl", "ascii.ply", "off", "gltf"}
 NUMBER = re.compile(rb"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
@@ -213,8 +213,18 @@ def mutant(kind: str, number: int) -> bytes:
 
 
 def outcome(path: Path) -> str:
-    """Return "refused", "unreadable" or "valid": as they stand in the file, and repaired."""
+    """Return "refused", "unreadable" or "valid", within 10 s of the processor."""
     started = time.process_time()
+    result = read_and_repaired(path)
+    if time.process_time() - started >= 10:  # other processes may have slowed it down: once more
+        started = time.process_time()
+        assert read_and_repaired(path) == result
+        assert time.process_time() - started < 10
+    return result
+
+
+def read_and_repaired(path: Path) -> str:
+    """Return "refused", "unreadable" or "valid" for parts as the file has them, and repaired."""
     try:
         parts = read_contents(path).parts
     except MeshError:
@@ -222,7 +232,6 @@ def outcome(path: Path) -> str:
     for part in parts:
         require_valid(part)
     bodies = [body for repair in (False, True) if (body := loaded(path, repair=repair))]
-    assert time.process_time() - started < 10
     assert parts or not bodies
     return "valid" if bodies else "refused" if parts else "unreadable"
 
@@ -286,5 +295,5 @@ def test_a_sample_of_damaged_files(tmp_path: Path, kind: str) -> None:
 @pytest.mark.prove
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("kind", SEEDS)
-def test_five_thousand_damaged_files(tmp_path: Path, kind: str) -> None:
+def test_two_thousand_damaged_files(tmp_path: Path, kind: str) -> None:
     check(kind, range(ALL), tmp_path)

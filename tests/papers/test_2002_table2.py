@@ -107,7 +107,8 @@ def test_tuned_within_a_tenth_of_a_hertz(note: str) -> None:
 
 
 @pytest.mark.prove
-@pytest.mark.parametrize("note", CHIMES)
-@pytest.mark.parametrize("accuracy", ["standard", "fine"])
+@pytest.mark.parametrize(
+    ("accuracy", "note"), [*(("standard", note) for note in CHIMES), ("fine", "D3"), ("fine", "A4")]
+)
 def test_tuned_within_a_tenth_of_a_hertz_on_a_finer_mesh(accuracy: str, note: str) -> None:
     check_tuned(note, accuracy)

@@ -22,7 +22,7 @@ MODES, FEWEST = 20, 5
 
 VERY_THIN = ("plate of 1 mm", "guitar box", "wine glass")
 THIN = ("plate of 1 mm", "coin")
-FINE = ("plate of 4 mm", "plate of 1 mm", "undercut bar", "fork", "coin", "perforated plate")
+FINE = ("plate of 4 mm", "plate of 1 mm", "undercut bar", "fork")
 
 
 def truth(name: str) -> tuple[Array, Array]:

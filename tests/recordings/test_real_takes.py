@@ -156,6 +156,7 @@ def test_no_real_take_is_fitted_worse_than_by_corbett2007(name: str, record_prop
     assert score(name) > other
 
 
+@pytest.mark.timed
 @pytest.mark.parametrize("name", [*HAMMERED, *LATER, "fluidr3_tubular_bells_c7", TAPPED[0]])
 def test_all_modes_of_a_real_take_are_sought_in_bounded_time(
     name: str, record_property: Note
@@ -168,6 +169,10 @@ def test_all_modes_of_a_real_take_are_sought_in_bounded_time(
     record_property(name, f"{len(fit.frequencies)} modes at {work:.1f} s/s")
     assert work < 5
     assert fit.verdict.modal or name not in HAMMERED
+
+
+def test_all_modes_of_a_hammered_plate_are_modal() -> None:
+    assert fit_poles(load(HAMMERED[-1]), budget=None).verdict.modal
 
 
 @pytest.mark.parametrize("name", LATER)

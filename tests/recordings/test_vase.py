@@ -89,6 +89,7 @@ def whole(vase: Vase) -> tuple[Fitting, list[tuple[str, float]]]:
     return made, told
 
 
+@pytest.mark.prove
 def test_57_recordings_show_progress(whole: tuple[Fitting, list[tuple[str, float]]]) -> None:
     _, told = whole
     stages = list(dict.fromkeys(stage for stage, _ in told))
@@ -99,6 +100,7 @@ def test_57_recordings_show_progress(whole: tuple[Fitting, list[tuple[str, float
         assert shares == sorted(shares)
 
 
+@pytest.mark.prove
 def test_a_vase_from_57_sounds_at_20_db(
     vase: Vase, whole: tuple[Fitting, list[tuple[str, float]]]
 ) -> None:

@@ -48,11 +48,11 @@ def somehow_turned(mesh: Mesh, seed: int) -> Mesh:
     return Mesh(points=mesh.points @ turn.T, faces=mesh.faces)
 
 
-SAMPLE = {("hollow cube", 0), ("crate", None)}
+SAMPLE = {("crate", None)}
 CASES = [
     pytest.param(name, seed, marks=() if (name, seed) in SAMPLE else pytest.mark.prove)
     for name in BODIES
-    for seed in (None, 0, 1)
+    for seed in (None, 0)
 ]
 
 
@@ -105,6 +105,7 @@ def test_facets_that_a_floor_passes_are_no_rims() -> None:
     assert len(segments.areas) < 10
 
 
+@pytest.mark.prove
 def test_needless_cuts_are_undone() -> None:
     """The same space is filled with far fewer tetrahedra, each turned as it should be."""
     body = ThinBody(solid=FilledBody(mesh=everyday.table())).at(0.157)
