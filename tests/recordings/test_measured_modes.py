@@ -84,7 +84,7 @@ def in_a_room(distance: float, seed: int) -> Scene:
     return in_room(40, 50, np.random.default_rng(seed), seconds=0.35, distance=distance)
 
 
-ROOMS = [(distance, seed) for distance in (0.3, 1.2) for seed in range(5)]
+ROOMS = [(distance, seed) for distance in (0.3, 1.2) for seed in range(3)]
 SAMPLE = [
     pytest.param(*each, marks=() if each == (1.2, 1) else pytest.mark.prove) for each in ROOMS
 ]
@@ -180,10 +180,13 @@ def under_control(seed: int) -> tuple[Scene, Fitted]:
     return heard, fit_poles(take_of(heard), budget=None)
 
 
+PHONES = [*range(10), 13]
+
+
 @pytest.mark.parametrize(
-    "seeds", [range(3, 4), pytest.param(range(20), marks=pytest.mark.prove)], ids=["1", "20"]
+    "seeds", [[3], pytest.param(PHONES, marks=pytest.mark.prove)], ids=["1", "11"]
 )
-def test_automatic_gain_is_undone_or_refused(seeds: range) -> None:
+def test_automatic_gain_is_undone_or_refused(seeds: list[int]) -> None:
     kept = 0
     for heard, fit in map(under_control, seeds):
         assert any("controlled automatically" in note for note in fit.notes)
@@ -203,7 +206,7 @@ ALIKE = pytest.mark.xfail(
 
 @pytest.mark.prove
 @pytest.mark.parametrize(
-    "seed", [pytest.param(seed, marks=ALIKE if seed == 13 else ()) for seed in range(20)]
+    "seed", [pytest.param(seed, marks=ALIKE if seed == 13 else ()) for seed in PHONES]
 )
 def test_modes_are_found_under_automatic_gain(seed: int) -> None:
     heard, fit = under_control(seed)
