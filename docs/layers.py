@@ -1,6 +1,6 @@
-"""Draw the layers of struck and the imports between them, as they are: docs/images/layers.png.
+"""Draw the layers of struck and the imports between them: docs/images/layers.png.
 
-Run it after a change of rooms: `python docs/layers.py` also prints the table of the page.
+Run it after a change of subpackages: `python docs/layers.py` also prints the table of the page.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ BLUE, GREY = "#2a6f97", "#8d99ae"
 
 
 def layers() -> list[list[str]]:
-    """Return the rooms of each layer, from the top down, as the contract lists them."""
+    """Return the packages of each layer from top to bottom, in the order of the contract."""
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     contracts = settings["tool"]["importlinter"]["contracts"]
     rows = next(contract["layers"] for contract in contracts if contract["type"] == "layers")
@@ -32,51 +32,51 @@ def layers() -> list[list[str]]:
 
 
 def imports() -> Counter[tuple[str, str]]:
-    """Return how many modules of one room import modules of another."""
+    """Return how many modules of one package import modules of another."""
     graph = grimp.build_graph("struck", cache_dir=None)
     pairs: Counter[tuple[str, str]] = Counter()
     for module in graph.modules:
         for imported in graph.find_modules_directly_imported_by(module):
-            rooms = [name.split(".")[1] for name in (module, imported) if "." in name]
-            if len(rooms) == 2 and rooms[0] != rooms[1]:
-                pairs[rooms[0], rooms[1]] += 1
+            packages = [name.split(".")[1] for name in (module, imported) if "." in name]
+            if len(packages) == 2 and packages[0] != packages[1]:
+                pairs[packages[0], packages[1]] += 1
     return pairs
 
 
-def sizes(room: str) -> tuple[int, int]:
-    """Return modules and lines of a room."""
-    place = ROOT / "src/struck" / room
-    files = list(place.rglob("*.py")) or [place.with_suffix(".py")]
+def sizes(package: str) -> tuple[int, int]:
+    """Return the number of modules and of lines of a package."""
+    folder = ROOT / "src/struck" / package
+    files = list(folder.rglob("*.py")) or [folder.with_suffix(".py")]
     lines = sum(len(file.read_text(encoding="utf-8").splitlines()) for file in files)
     return len(files), lines
 
 
 def table() -> list[str]:
-    """Return a line of Markdown for each room: what it imports."""
+    """Return a Markdown table with one row per package: its size and its imports."""
     pairs = imports()
-    rows = ["| room | modules | lines | imports |", "|---|---|---|---|"]
-    order = [room for row in layers() for room in row]
-    for room in order:
-        count, lines = sizes(room)
-        below = ", ".join(other for other in order if (room, other) in pairs)
-        rows.append(f"| {room} | {count} | {round(lines, -2)} | {below or 'nothing'} |")
+    rows = ["| package | modules | lines | imports |", "|---|---|---|---|"]
+    order = [package for row in layers() for package in row]
+    for package in order:
+        count, lines = sizes(package)
+        below = ", ".join(other for other in order if (package, other) in pairs)
+        rows.append(f"| {package} | {count} | {round(lines, -2)} | {below or 'nothing'} |")
     return rows
 
 
 def draw() -> None:
-    """Draw rooms from the top down, and an arc for each pair of rooms that import."""
+    """Draw the packages from top to bottom, and an arc for each pair of which one imports."""
     rows = [row for row in layers() if row]
     figure, axes = plt.subplots(figsize=(8, 11), layout="constrained")
-    places: dict[str, tuple[float, float]] = {}
+    positions: dict[str, tuple[float, float]] = {}
     for level, row in enumerate(rows):
-        for column, room in enumerate(row):
+        for column, package in enumerate(row):
             width = 2.0 / len(row)
-            places[room] = (column * (width + 0.1), -float(level))
-            draw_room(axes, room, *places[room], width)
+            positions[package] = (column * (width + 0.1), -float(level))
+            draw_package(axes, package, *positions[package], width)
     strongest = max(imports().values())
     for (upper, lower), many in imports().items():
-        if upper in places and lower in places:
-            (_, top), (_, bottom) = places[upper], places[lower]
+        if upper in positions and lower in positions:
+            (_, top), (_, bottom) = positions[upper], positions[lower]
             arc = FancyArrowPatch(
                 (2.15, top),
                 (2.15, bottom),
@@ -93,8 +93,8 @@ def draw() -> None:
     figure.savefig(PICTURE, dpi=110)
 
 
-def draw_room(axes: Axes, room: str, left: float, height: float, width: float) -> None:
-    """Draw one room with its name and its size."""
+def draw_package(axes: Axes, package: str, left: float, height: float, width: float) -> None:
+    """Draw the box of a package with its name and size."""
     box = FancyBboxPatch(
         (left, height - 0.3),
         width,
@@ -105,11 +105,11 @@ def draw_room(axes: Axes, room: str, left: float, height: float, width: float) -
         linewidth=1.2,
     )
     axes.add_patch(box)
-    count, lines = sizes(room)
-    middle = left + width / 2
-    axes.text(middle, height + 0.07, room, ha="center", va="center", fontsize=11, weight="bold")
+    count, lines = sizes(package)
+    centre = left + width / 2
+    axes.text(centre, height + 0.07, package, ha="center", va="center", fontsize=11, weight="bold")
     small = f"{count} modules, {lines:,} lines" if count > 1 else f"{lines} lines"
-    axes.text(middle, height - 0.17, small, ha="center", va="center", fontsize=6.5, color=GREY)
+    axes.text(centre, height - 0.17, small, ha="center", va="center", fontsize=6.5, color=GREY)
 
 
 if __name__ == "__main__":

@@ -209,14 +209,15 @@ def test_page_of_the_layers_is_that_of_the_real_imports() -> None:
     assert {room: listed.get(room) for room in real} == real
 
 
-def test_fifteen_questions_are_answered_by_the_files_that_the_page_names() -> None:
-    row = re.compile(r"^\| [^|]+ \| `([\w/]+\.(?:py|c))` \| `(\w+)` \|$", re.MULTILINE)
+def test_topics_of_the_page_are_in_the_files_that_it_names() -> None:
+    row = re.compile(r"^\| [^|]+ \| `([\w/]+\.(?:py|c|js))` \| `(\w+)` \|$", re.MULTILINE)
     rows = row.findall(PAGE.read_text(encoding="utf-8"))
-    assert len(rows) == 15
+    assert len(rows) == 23
     for name, what in rows:
         text = (PACKAGE / name).read_text(encoding="utf-8")
-        if name.endswith(".c"):
-            assert re.search(rf"^\w.* {what}\(", text, re.MULTILINE), (name, what)
+        if not name.endswith(".py"):
+            definition = rf"^\w.* {what}\(" if name.endswith(".c") else rf"^export class {what} "
+            assert re.search(definition, text, re.MULTILINE), (name, what)
             continue
         tree = ast.parse(text)
         kinds = ast.FunctionDef | ast.ClassDef
