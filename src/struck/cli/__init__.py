@@ -32,22 +32,22 @@ from struck.model.provenance import TerminalProgress
 COMMANDS = {
     "analyze": "compute the modes of a body and save its model",
     "analyze-many": "compute the models of many mesh files, and a data set of their sounds",
-    "radiate": "compute the timbre field of a model, which sounds another way on each side",
-    "info": "tell what a model holds",
-    "show": "draw shape, modes and spectrum",
-    "render": "strike, scrape, roll on, pluck or hold a model and save the sound",
-    "simulate": "let rigid bodies of a scene file move, and save what is heard of their contacts",
-    "sound-map": "tell how few contacts of a body are enough, and where its timbre changes",
-    "play": "play models with the keyboard, live",
-    "explore": "open objects in the browser, where a click strikes them",
-    "record": "record the takes that a plan asks for, and go on where it stopped",
-    "fit": "make a model of recordings of one object",
-    "compare": "tell how a model differs from a recording of the body, or from another model",
-    "calibrate": "infer a material from recordings of a body and a model of its shape",
+    "radiate": "compute the timbre field of a model: the directivity of each mode",
+    "info": "print the contents of a model, or the parts of a mesh file",
+    "show": "draw the shape, modes and spectrum of a model",
+    "render": "strike, scrape, roll on, pluck or hold a model, and save the sound",
+    "simulate": "simulate the rigid bodies of a scene file, and save the sound of their contacts",
+    "sound-map": "choose the contacts whose sounds represent the whole surface of a body",
+    "play": "play models live with the keyboard",
+    "explore": "show objects in a browser, where a click strikes them",
+    "record": "record the takes of a plan, or resume an interrupted measurement",
+    "fit": "fit a model to recordings of one object",
+    "compare": "compare a model with a recording of the body, or with another model",
+    "calibrate": "estimate a material from recordings of a body and a model of its shape",
     "export": "write the gains of a model as a SOFA file, or its mode shapes as VTU",
-    "tune": "find the dimension that makes a body ring at a frequency",
-    "materials": "list materials with their sources",
-    "cache": "show or clear the finished work kept between runs",
+    "tune": "find the dimension at which a body rings at a given frequency",
+    "materials": "list materials with their constants and sources",
+    "cache": "show or clear the cache of intermediate results",
     "demo": "make a gallery of sounds and pictures",
 }
 UNWRITTEN = 1
@@ -178,11 +178,11 @@ def _parsed(words: Sequence[str]) -> argparse.Namespace | str:
     chosen = next((word for word in words if not word.startswith("-")), None)
     parser = Parser(
         prog="struck",
-        description="The sounds of physical objects, computed from what they are.",
-        epilog="To cite struck: CITATION.cff of its sources; the papers behind a model: struck "
-        "info MODEL --all.",
+        description="Compute the sounds of physical objects from their shape and material.",
+        epilog="To cite struck, see CITATION.cff in its sources; 'struck info MODEL --all' lists "
+        "the papers behind a model.",
     )
-    parser.add_argument("--version", action="store_true", help="print the version and end")
+    parser.add_argument("--version", action="store_true", help="print the version and exit")
     if chosen and chosen not in COMMANDS:
         meant = _COMMANDS_MEANT.get(chosen.lower())
         offer = f"did you mean {meant}? " if meant else nearest(chosen, COMMANDS)
@@ -280,8 +280,8 @@ def declare(parser: argparse.ArgumentParser, name: str) -> None:
     """Give a parser the options, the examples and the work of the command of that name."""
     module = import_module(f"struck.cli.{name.replace('-', '_')}")
     parser.epilog = "example:\n" + "\n".join(f"  struck {name} {line}" for line in module.EXAMPLES)
-    parser.add_argument("--json", action="store_true", help="print the result for machines")
-    parser.add_argument("--quiet", action="store_true", help="no lines about progress")
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+    parser.add_argument("--quiet", action="store_true", help="do not print progress")
     parser.set_defaults(run=module.run, in_shell_words=partial(in_shell_words, parser))
     module.declare(parser)
 

@@ -41,43 +41,78 @@ EXAMPLES = (
 def declare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `struck analyze`."""
     parser.add_argument("body", nargs="?", help=BODY)
-    parser.add_argument("--list", action="store_true", help="list the bodies named so, and end")
+    parser.add_argument(
+        "--list", action="store_true", help="list the bodies that need no file, and exit"
+    )
     add_how(parser)
     add_budget(parser)
-    parser.add_argument("-o", "--output", help="model file; BODY.struck unless given")
+    parser.add_argument("-o", "--output", help="model file; default: BODY.struck")
 
 
 def add_how(parser: argparse.ArgumentParser) -> None:
     """Add the options for elements, band and damping of an analysis to a parser."""
     parser.add_argument("--material", help=MATERIAL)
-    parser.add_argument("--damping", default="own", help="own (default), heard or heard_bowl")
-    parser.add_argument("--units", help="of the file's numbers: m, cm, mm, in or ft")
-    parser.add_argument("--size", type=length, help="longest edge of the body instead, m")
     parser.add_argument(
-        "--wall", type=length, help="thickness of a hollow mesh file, m; a tube: has its own wall="
+        "--damping", default="own", help="damping constants: own (default), heard or heard_bowl"
     )
-    parser.add_argument("--holes", help="of a surface with a wall: keep or fill")
     parser.add_argument(
-        "--no-repair", dest="repair", action="store_const", const=False, help="refuse instead"
+        "--units",
+        help="unit of the coordinates: m, cm, mm, in or ft; default: that of the file, otherwise m",
     )
-    parser.add_argument("--part", help="which of several bodies in the file")
-    parser.add_argument("--up", help="axis that points up: x, y or z")
+    parser.add_argument(
+        "--size",
+        type=length,
+        help="scale the body so that the longest edge of its bounding box has this length, m",
+    )
+    parser.add_argument(
+        "--wall",
+        type=length,
+        help="wall thickness, m; for mesh files only (a tube: has its own wall=)",
+    )
+    parser.add_argument(
+        "--holes",
+        help="holes in a surface with a wall: keep or fill; default: keep round and straight-edged "
+        "holes, fill the others",
+    )
+    parser.add_argument(
+        "--no-repair",
+        dest="repair",
+        action="store_const",
+        const=False,
+        help="refuse a defective surface instead of repairing it",
+    )
+    parser.add_argument(
+        "--part", help="name or number of one body of the file; default: the largest"
+    )
+    parser.add_argument(
+        "--up", help="axis that points up: x, y or z; default: that of the file format"
+    )
     parser.add_argument(
         "--fixed",
         type=numbers(6, form="x0,y0,z0,x1,y1,z1 in m", each=metres),
-        help="box x0,y0,z0,x1,y1,z1 that is held, m",
-    )
-    parser.add_argument("--accuracy", help="preview, standard (unless given) or fine")
-    parser.add_argument("--band", type=BAND, help="low,high in Hz or notes; 20,20000 unless given")
-    parser.add_argument(
-        "--radiation", default="power", help="power (default), field, obrien2002 or heuristic1998"
+        help="clamped region: a box x0,y0,z0,x1,y1,z1, m",
     )
     parser.add_argument(
-        "--no-recoil", dest="recoil", action="store_false", help="modes alone, no click of the body"
+        "--accuracy", help="accuracy of the frequencies: preview, standard (default) or fine"
+    )
+    parser.add_argument(
+        "--band", type=BAND, help="lowest,highest frequency, Hz or notes; default: 20,20000"
+    )
+    parser.add_argument(
+        "--radiation",
+        default="power",
+        help="model of radiation: power (default), field, obrien2002 or heuristic1998",
+    )
+    parser.add_argument(
+        "--no-recoil",
+        dest="recoil",
+        action="store_false",
+        help="leave out the sound of a free body that is accelerated as a whole",
     )
     parser.add_argument(
         "--method",
-        help="formula (of shapes), fem (of all others), obrien2002 or obrien2002-consistent",
+        help="formula (default for shapes), fem (default for all others), obrien2002 or "
+        "obrien2002-consistent",
     )
     add_cache(parser)
 

@@ -23,24 +23,47 @@ EXAMPLES = (
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `struck analyze-many`."""
-    parser.add_argument("files", nargs="*", help="patterns, folders or names of mesh files")
-    parser.add_argument("-o", "--output", required=True, help="folder of the models")
-    parser.add_argument("--table", help="CSV or TOML of files with options of their own")
+    parser.add_argument("files", nargs="*", help="mesh files, folders of them, or patterns")
+    parser.add_argument(
+        "-o", "--output", required=True, help="folder for the models and the report"
+    )
+    parser.add_argument("--table", help="CSV or TOML table of files, with options for each")
     add_how(parser)
     add_budget(parser)
-    work = parser.add_argument_group("work")
-    work.add_argument("--anew", action="store_true", help="do again what is there, failures too")
-    work.add_argument("--processes", type=int, help="at once; as many as cores unless given")
-    work.add_argument("--memory", type=float, help="of all together, bytes; what is free")
-    work.add_argument("--scheduler", help="of a Dask cluster, as tcp://host:8786")
+    work = parser.add_argument_group("processing")
+    work.add_argument(
+        "--anew", action="store_true", help="compute everything again, failures included"
+    )
+    work.add_argument(
+        "--processes", type=int, help="number of simultaneous processes; default: number of cores"
+    )
+    work.add_argument(
+        "--memory",
+        type=float,
+        help="memory limit of all processes together, bytes; default: free memory",
+    )
+    work.add_argument("--scheduler", help="address of a Dask scheduler, e.g. tcp://host:8786")
     sounds = parser.add_argument_group("sounds")
-    sounds.add_argument("--strikes", help="how many of each model, or a CSV or TOML table of them")
-    sounds.add_argument("--seed", type=int, default=0, help="of random strikes (default 0)")
-    sounds.add_argument("--seconds", type=float, default=1.0, help="of each sound (default 1)")
-    sounds.add_argument("--rate", type=int, default=48_000, help="samples a second")
-    sounds.add_argument("--sounds", default="wav", help="wav (default), flac or npz")
+    sounds.add_argument(
+        "--strikes",
+        help="number of random strikes of each model, or a CSV or TOML table of strikes",
+    )
+    sounds.add_argument(
+        "--seed", type=int, default=0, help="seed of the random strikes (default: 0)"
+    )
+    sounds.add_argument(
+        "--seconds", type=float, default=1.0, help="length of each sound, s (default: 1)"
+    )
+    sounds.add_argument("--rate", type=int, default=48_000, help="sample rate, Hz (default: 48000)")
+    sounds.add_argument(
+        "--sounds", default="wav", help="format of the sounds: wav (default), flac or npz"
+    )
     add_fade(sounds)
-    sounds.add_argument("--labels", default="labels.csv", help="table of strikes: .csv, .parquet")
+    sounds.add_argument(
+        "--labels",
+        default="labels.csv",
+        help="table of strikes, .csv or .parquet (default: labels.csv)",
+    )
 
 
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:

@@ -13,7 +13,7 @@ EXAMPLES = ("--clear",)
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `struck cache`."""
-    parser.add_argument("--clear", action="store_true", help="remove every entry")
+    parser.add_argument("--clear", action="store_true", help="remove all entries")
 
 
 def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:

@@ -24,13 +24,18 @@ EXAMPLES = ("pot.struck taps/*.wav --density 7850 --corrected real_pot.struck",)
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `struck calibrate`."""
-    parser.add_argument("model", help="of the body, of a material that is about right")
+    parser.add_argument("model", help="model of the body, with an approximate material")
     parser.add_argument("recordings", nargs="+", help="sound files, or one model fitted to them")
-    parser.add_argument("--density", type=float, help="kg/m3; that of the model unless given")
+    parser.add_argument("--density", type=float, help="density, kg/m3; default: that of the model")
     parser.add_argument(
-        "--size-error", type=float, default=0.0, help="relative, of the lengths (0.01 for 1 %%)"
+        "--size-error",
+        type=float,
+        default=0.0,
+        help="relative error of the dimensions, e.g. 0.01 for 1 %% (default: 0)",
     )
-    parser.add_argument("--corrected", help="model file: the body, ringing as recorded")
+    parser.add_argument(
+        "--corrected", help="model file for the body with its recorded frequencies and decays"
+    )
 
 
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:

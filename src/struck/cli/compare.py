@@ -29,22 +29,31 @@ EXAMPLES = (
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `struck compare`."""
-    parser.add_argument("model")
-    parser.add_argument("other", help="sound file of the body, struck once or more; or a model")
+    parser.add_argument("model", help="model file")
+    parser.add_argument(
+        "other", help="recording of the body with one or more hits, or another model file"
+    )
     parser.add_argument(
         "--at",
         "--strike",
         metavar="PLACE",
         type=place,
-        help="where both are struck: name, vertex:N or x,y,z in m; the playing place unless given",
+        help="contact of both strikes: name, vertex:N or x,y,z in m; default: the playing place",
     )
     parser.add_argument(
-        "--against", metavar="PLACE", type=place, help="where another model is struck instead"
+        "--against",
+        metavar="PLACE",
+        type=place,
+        help="contact of the strike on the other model, if it differs",
     )
-    parser.add_argument("--striker", help="of both: fingertip, felt, rubber, wood, steel ...")
-    parser.add_argument("--speed", type=float, help="of the striker, m/s")
-    parser.add_argument("--impulse", type=float, help="of the strike instead, N s")
-    parser.add_argument("--listener", type=POSITION, help="x,y,z in m; beside the body if absent")
+    parser.add_argument(
+        "--striker", help="striker of both: fingertip, felt, rubber, wood, steel, ..."
+    )
+    parser.add_argument("--speed", type=float, help="speed of the striker, m/s")
+    parser.add_argument("--impulse", type=float, help="impulse of both strikes, N s")
+    parser.add_argument(
+        "--listener", type=POSITION, help="position x,y,z, m; default: next to each body"
+    )
     parser.add_argument("-o", "--output", metavar="PAGE", help="HTML page with pictures and sounds")
 
 

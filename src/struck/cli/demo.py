@@ -17,15 +17,18 @@ EXAMPLES = ("--out gallery", "--out gallery --pieces string,tabla")
 def declare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `struck demo`."""
     parser.add_argument(
-        "--out", default="gallery", help="folder to make, unless the room is opened"
+        "--out", default="gallery", help="folder for the gallery (default: gallery)"
     )
     parser.add_argument(
-        "--pieces", type=names, metavar="NAME,...", help="of the gallery alone, as string,tabla"
+        "--pieces",
+        type=names,
+        metavar="NAME,...",
+        help="pieces of the gallery to make, e.g. string,tabla; default: all",
     )
     parser.add_argument(
         "--open",
         action="store_true",
-        help="open the room of objects instead, where there are a terminal and a display",
+        help="open the room of objects instead, if there are a terminal and a display",
     )
 
 

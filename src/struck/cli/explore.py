@@ -21,16 +21,21 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "models",
         nargs="*",
         metavar="MODEL",
-        help="model files; a room of eighteen objects unless given",
+        help="model files; default: a room of eighteen objects",
     )
     parser.add_argument(
-        "--objects", type=names, metavar="NAME,...", help="of the room alone, as string,bell"
+        "--objects",
+        type=names,
+        metavar="NAME,...",
+        help="objects of the room to compute, e.g. string,bell; default: all",
     )
-    parser.add_argument("--port", type=int, default=0, help="of this machine; a free one")
     parser.add_argument(
-        "--no-browser", action="store_true", help="print the address alone, open nothing"
+        "--port", type=int, default=0, help="port on 127.0.0.1; default: a free one"
     )
-    parser.add_argument("--seconds", type=float, help="end by itself")
+    parser.add_argument(
+        "--no-browser", action="store_true", help="print the address, but open no browser"
+    )
+    parser.add_argument("--seconds", type=float, help="stop after this time, s; default: at Ctrl-C")
 
 
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:

@@ -27,14 +27,14 @@ EXAMPLES = (
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `struck export`."""
-    parser.add_argument("model")
+    parser.add_argument("model", help="model file")
     parser.add_argument(
         "--contacts",
         metavar="PLACE",
         nargs="+",
         action="extend",
         type=place,
-        help="where it is struck: names, or coordinates; those recorded unless given",
+        help="contacts: names or coordinates; default: all that were recorded",
     )
     parser.add_argument(
         "--listeners",
@@ -42,19 +42,27 @@ def declare(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         action="extend",
         type=place,
-        help="where it is heard, m; those recorded unless given",
+        help="positions of the listeners, m; default: all that were recorded",
     )
     parser.add_argument(
         "--convention",
-        help="GeneralTF-E (gains of modes, default) or GeneralFIR-E (impulse responses)",
+        help="GeneralTF-E (modal gains, default) or GeneralFIR-E (impulse responses)",
     )
-    parser.add_argument("--seconds", type=float, help="length of impulse responses")
-    parser.add_argument("--rate", type=int, help="of impulse responses, Hz (48000)")
-    parser.add_argument("--title", default="", help="what it is")
-    parser.add_argument("--author", default="", help="who made it")
-    parser.add_argument("--licence", default="", help="what others may do with it")
     parser.add_argument(
-        "-o", "--output", help="MODEL.sofa unless given, or .vtu: surface, mode shapes"
+        "--seconds",
+        type=float,
+        help="length of the impulse responses, s; default: until a fall of 60 dB, at most 10 s",
+    )
+    parser.add_argument(
+        "--rate", type=int, help="sample rate of the impulse responses, Hz (default: 48000)"
+    )
+    parser.add_argument("--title", default="", help="title, stored in the file")
+    parser.add_argument("--author", default="", help="author, stored in the file")
+    parser.add_argument("--licence", default="", help="licence, stored in the file")
+    parser.add_argument(
+        "-o",
+        "--output",
+        help="file to write: .sofa (gains) or .vtu (surface and mode shapes); default: MODEL.sofa",
     )
 
 

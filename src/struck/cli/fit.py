@@ -33,44 +33,64 @@ EXAMPLES = ("taps/*.wav -o mug.struck --report mug.html", "takes -o vase.struck 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `struck fit`."""
     parser.add_argument(
-        "recordings", nargs="+", help="sound files; or a manifest, or the folder of one"
+        "recordings", nargs="+", help="sound files, or a manifest, or the folder of a manifest"
     )
-    parser.add_argument("--manifest", help="which file was struck where and heard from where")
-    parser.add_argument("--symmetry", help="none, or axial: round about the z axis")
-    parser.add_argument("--centre", type=POSITION, help="x,y,z the sound seems to come from, m")
     parser.add_argument(
-        "--radius", type=length, default=0.0, help="of a ball that holds the body, m"
+        "--manifest", help="TOML or CSV file with the contact and listeners of each recording"
     )
-    parser.add_argument("--pitch", type=PITCH, help="metres a unit of each coordinate of contacts")
-    parser.add_argument("--geometry", help="mesh file, m, of a body round about the z axis")
+    parser.add_argument(
+        "--symmetry", help="none, or axial for a body of revolution about the z axis"
+    )
+    parser.add_argument(
+        "--centre", type=POSITION, help="acoustic centre x,y,z, m; default: the origin"
+    )
+    parser.add_argument(
+        "--radius", type=length, default=0.0, help="radius of a sphere that encloses the body, m"
+    )
+    parser.add_argument("--pitch", type=PITCH, help="metres per unit of each contact coordinate")
+    parser.add_argument(
+        "--geometry", help="mesh file, in m, of a body of revolution about the z axis"
+    )
     parser.add_argument(
         "--blow",
         type=numbers(2),
         metavar="N_S,SECONDS",
-        help="impulse and duration of the blows, to be divided out",
+        help="impulse and duration of the recorded strikes, which are deconvolved",
     )
     parser.add_argument(
         "--onsets",
         type=numbers(*range(1, 1000), form="seconds with commas between"),
         action="append",
         metavar="S,S",
-        help="times of a recording's hits, s, found unless given; once for each recording",
+        help="times of the hits in a recording, s; once for each recording; default: detected",
     )
-    parser.add_argument("--way", default="field", help="field (default) or table")
-    parser.add_argument("--method", default="shared", help="shared (default) or corbett2007")
-    parser.add_argument("--modes", type=budget, default=64, help="at most so many, or all (64)")
-    parser.add_argument("--room", help="its reverberation time, s, or a recording of a clap in it")
+    parser.add_argument(
+        "--way", default="field", help="form of the gains: field (default) or table"
+    )
+    parser.add_argument(
+        "--method", default="shared", help="estimator of the modes: shared (default) or corbett2007"
+    )
+    parser.add_argument(
+        "--modes", type=budget, default=64, help="maximum number of modes, or all (default: 64)"
+    )
+    parser.add_argument(
+        "--room", help="reverberation time T60 of the room, s, or a recording of a clap in it"
+    )
     parser.add_argument(
         "--residual",
         action=OnOff,
-        help="keep attack and noise too; by default where their loss would be heard",
+        help="include attack and noise; default: if an auditory band would lose over 6 dB",
     )
     parser.add_argument(
-        "--force", action="store_true", help="fit even takes that do not sound struck"
+        "--force",
+        action="store_true",
+        help="fit recordings even if they are not of a struck object",
     )
-    parser.add_argument("--report", help="page that shows and plays recordings and model")
+    parser.add_argument("--report", help="HTML page that compares the recordings with the model")
     add_cache(parser)
-    parser.add_argument("-o", "--output", help="model file; by the first recording unless given")
+    parser.add_argument(
+        "-o", "--output", help="model file; default: named after the first recording"
+    )
 
 
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:

@@ -29,15 +29,21 @@ EXAMPLES = ("bell.struck", "bell.struck --all", "kitchen.glb", "plates.stl --uni
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `struck info`."""
-    parser.add_argument("file", help="model, or mesh file before it is analyzed")
+    parser.add_argument("file", help="model file or mesh file")
     parser.add_argument(
         "--modes",
         type=budget,
         default=LISTED,
-        help=f"how many of a model to list, or all; {LISTED}, as JSON all, unless given",
+        help=f"number of modes to list, or all; default: {LISTED}, with --json all",
     )
-    parser.add_argument("--all", action="store_true", help="every mode and place, and the method")
-    parser.add_argument("--units", help="of a mesh file's numbers: m, cm, mm, in or ft")
+    parser.add_argument(
+        "--all",
+        action="store_true",
+        help="list every mode and place, and the methods with their papers",
+    )
+    parser.add_argument(
+        "--units", help="unit of the coordinates in a mesh file: m, cm, mm, in or ft"
+    )
 
 
 def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:

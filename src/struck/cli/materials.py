@@ -15,7 +15,7 @@ EXAMPLES = ("--json", "steel oak")
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `struck materials`."""
-    parser.add_argument("names", nargs="*", metavar="NAME", help="of materials; all if absent")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="name of a material; default: all")
 
 
 def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     Body = Solid | Shape
 
-BODY = "mesh file, or as tube:length=50cm,radius=0.0125,wall=1mm (see 'struck analyze --list')"
+BODY = "mesh file, or e.g. tube:length=50cm,radius=0.0125,wall=1mm (see 'struck analyze --list')"
 ENDS = "ends=clamped,free"
 CORNERS = "0x0,0.3x0,0x0.2"
 _FORMS = {"size": "0.1,0.05,0.03", "corners": CORNERS}  # of arguments of several numbers
@@ -43,8 +43,8 @@ _ONE_UNIT = re.compile(r"(?:[\d.]+[x,])+[\d.]+[a-z]+")  # for several lengths
 _NOT_IN_SHELL = {"elements", "section"}
 _LENGTH = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*([a-z]+)?")
 MATERIAL = (
-    "name (see 'struck materials') or density=,youngs_modulus=,poisson_ratio= in kg/m3 and Pa, "
-    "with loss_tangent= where known"
+    "name (see 'struck materials'), or density=...,youngs_modulus=...,poisson_ratio=... in kg/m3 "
+    "and Pa, optionally with loss_tangent=..."
 )
 
 
@@ -310,36 +310,45 @@ def add_listener(parser: argparse.ArgumentParser) -> None:
     """Declare where someone listens, and with which ears."""
     group = parser.add_argument_group("listener")
     group.add_argument(
-        "--listener", type=POSITION, help="position x,y,z, m; beside the body if absent"
+        "--listener", type=POSITION, help="position x,y,z, m; default: next to the body"
     )
     group.add_argument(
-        "--walk", metavar="FILE", help="where the listener goes: lines of time,x,y,z in s and m"
+        "--walk", metavar="FILE", help="path of a moving listener: lines of time,x,y,z in s and m"
     )
     group.add_argument(
-        "--facing", type=numbers(3, form="x,y,z"), help="where the listener looks: x,y,z"
+        "--facing",
+        type=numbers(3, form="x,y,z"),
+        help="direction in which the listener looks: x,y,z",
     )
-    group.add_argument("--hrtf", help="two measured ears: kemar, or a SOFA file")
-    group.add_argument("--head", help="two ears on a ball: exact, woodworth or simple1998")
-    group.add_argument("--stereo", action="store_true", help="two ears, as by --head exact")
+    group.add_argument("--hrtf", help="two ears of a measured head: kemar, or a SOFA file")
+    group.add_argument(
+        "--head", help="two ears of a spherical head: exact, woodworth or simple1998"
+    )
+    group.add_argument("--stereo", action="store_true", help="two ears; the same as --head exact")
 
 
 def add_budget(parser: argparse.ArgumentParser) -> None:
     """Declare how many modes are kept."""
     parser.add_argument(
-        "--modes", type=budget, metavar="N", help="at most N, the loudest over contacts, or all"
+        "--modes",
+        type=budget,
+        metavar="N",
+        help="keep the N modes that are loudest over all contacts, or all (default)",
     )
 
 
 def add_fade(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
     """Declare the fade of a sound that is cut off."""
     parser.add_argument(
-        "--fade", type=float, help="of a sound that is cut off, s (default 0.01; 0 for none)"
+        "--fade",
+        type=float,
+        help="fade at the end of a sound that is cut off, s; 0 for none (default: 0.01)",
     )
 
 
 def add_cache(parser: argparse.ArgumentParser) -> None:
     """Declare whether finished work is taken up and kept."""
-    told = "neither take up nor keep finished work"
+    told = "do not read or write the cache"
     parser.add_argument("--no-cache", dest="cache", action="store_false", help=told)
 
 
@@ -372,10 +381,16 @@ def add_room(parser: argparse.ArgumentParser) -> None:
     """Declare the room around bodies and listener."""
     group = parser.add_argument_group("room")
     group.add_argument(
-        "--room", type=POSITION, help="size x,y,z of a room, m, with a corner at 0,0,0"
+        "--room", type=POSITION, help="size x,y,z of a rectangular room, m, with a corner at 0,0,0"
     )
-    group.add_argument("--walls", default="brick", help="of the room: brick, wood, carpet, ...")
-    group.add_argument("--reverberation", type=float, help="time of the room for 60 dB, s")
+    group.add_argument(
+        "--walls", default="brick", help="wall material: brick (default), wood, carpet, ..."
+    )
+    group.add_argument(
+        "--reverberation",
+        type=float,
+        help="reverberation time T60, s; default: no late reverberation",
+    )
 
 
 def listener(

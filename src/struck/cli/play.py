@@ -32,28 +32,58 @@ EXAMPLES = ("--list-devices",)
 def declare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `struck play`."""
     parser.add_argument("models", nargs="*", metavar="MODEL", help="model files")
-    parser.add_argument("--list-devices", action="store_true", help="list devices and end")
-    parser.add_argument("--device", help="number, or part of the name; the system's own choice")
-    parser.add_argument("--rate", type=float, help="samples a second; the device's own")
-    parser.add_argument("--block", type=int, default=128, help="samples a block (128)")
-    parser.add_argument("--ahead", type=int, default=2, help="blocks of forces kept ready (2)")
-    parser.add_argument("--voices", type=int, default=16, help="excitations at once (16)")
-    parser.add_argument("--volume", type=float, default=0.0, help="dB; 0: a strike peaks at -12")
+    parser.add_argument(
+        "--list-devices", action="store_true", help="list the audio devices and exit"
+    )
+    parser.add_argument(
+        "--device",
+        help="number of the output device, or part of its name; default: that of the system",
+    )
+    parser.add_argument("--rate", type=float, help="sample rate, Hz; default: that of the device")
+    parser.add_argument("--block", type=int, default=128, help="samples per block (default: 128)")
+    parser.add_argument(
+        "--ahead",
+        type=int,
+        default=2,
+        help="number of blocks of forces computed ahead (default: 2)",
+    )
+    parser.add_argument(
+        "--voices",
+        type=int,
+        default=16,
+        help="maximum number of simultaneous excitations (default: 16)",
+    )
+    parser.add_argument(
+        "--volume",
+        type=float,
+        default=0.0,
+        help="dB; at 0 (default) the default strike peaks at -12 dB of full scale",
+    )
     add_listener(parser)
     add_budget(parser)
     parser.add_argument(
-        "--seconds", type=float, help="end by itself; else by q, or the end of keys from a pipe"
+        "--seconds",
+        type=float,
+        help="stop after this time, s; default: at q, or at the end of piped keys",
     )
     parser.add_argument(
-        "--strikes-per-second", dest="strikes", type=float, default=0.0, help="at random (0)"
+        "--strikes-per-second",
+        dest="strikes",
+        type=float,
+        default=0.0,
+        help="number of random strikes per second (default: 0)",
     )
-    parser.add_argument("--scrapes", type=int, default=0, help="without end (0)")
-    parser.add_argument("--busy", action="store_true", help="with a busy thread beside")
+    parser.add_argument(
+        "--scrapes", type=int, default=0, help="number of endless scrapes (default: 0)"
+    )
+    parser.add_argument(
+        "--busy", action="store_true", help="run a thread that computes in Python all the time"
+    )
     parser.add_argument(
         "--soak",
         type=float,
         metavar="SECONDS",
-        help="prove it: 2,000 modes, 200 strikes a second, two scrapes, a busy thread",
+        help="stress test: 2,000 modes, 200 strikes per second, two scrapes, a busy thread",
     )
 
 

@@ -17,13 +17,20 @@ EXAMPLES = ("bell.struck -o bell.struck", "bowl.struck --band 20,8000 --near -o 
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `struck radiate`."""
-    parser.add_argument("model", help="of a computed body")
-    parser.add_argument("-o", "--output", required=True, help="model file, or MODEL itself")
+    parser.add_argument("model", help="model file of a computed body")
     parser.add_argument(
-        "--band", type=BAND, default=(20.0, 20_000.0), help="modes within it, Hz: 20,20000"
+        "-o", "--output", required=True, help="model file to write, which may be MODEL"
     )
     parser.add_argument(
-        "--near", action="store_true", help="keep the surface too, for ears within 1.2 radii"
+        "--band",
+        type=BAND,
+        default=(20.0, 20_000.0),
+        help="compute the modes in this band: lowest,highest, Hz or notes (default: 20,20000)",
+    )
+    parser.add_argument(
+        "--near",
+        action="store_true",
+        help="store the pressure on the surface, for listeners within 1.2 radii",
     )
     add_cache(parser)
 

@@ -30,14 +30,24 @@ EXAMPLES = ("plan.toml -o takes",)
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `struck record`."""
-    parser.add_argument("plan", nargs="?", metavar="PLAN", help="what to record, a TOML file")
     parser.add_argument(
-        "-o", "--output", metavar="FOLDER", help="for takes and manifest; PLAN_takes unless given"
+        "plan", nargs="?", metavar="PLAN", help="TOML file that lists the takes to record"
     )
-    parser.add_argument("--device", help="number, or part of the name; the plan's own")
-    parser.add_argument("--list-devices", action="store_true", help="list devices and end")
     parser.add_argument(
-        "--simulate", metavar="FOLDER", help="rehearse with WAV files in place of a device"
+        "-o",
+        "--output",
+        metavar="FOLDER",
+        help="folder for takes and manifest; default: PLAN_takes",
+    )
+    parser.add_argument(
+        "--device",
+        help="number of the audio device, or part of its name; default: that of the plan",
+    )
+    parser.add_argument(
+        "--list-devices", action="store_true", help="list the audio devices and exit"
+    )
+    parser.add_argument(
+        "--simulate", metavar="FOLDER", help="read the WAV files of FOLDER instead of a device"
     )
 
 

@@ -71,36 +71,53 @@ _KINDS = {kind for kinds in _OF.values() for kind in kinds}
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `struck render`."""
-    parser.add_argument("model")
+    parser.add_argument("model", help="model file")
     add_touches(parser)
     parser.add_argument(
         "--pitch",
         type=PITCH,
-        help="metres a unit of a recorded body's coordinates, for ways over it",
+        help="metres per unit of the contacts of a recorded body, for scrapes and rolls",
     )
     add_listener(parser)
     add_room(parser)
     parser.add_argument(
         "--position",
         type=POSITION,
-        help="of the body's centre in the room: its middle unless given",
+        help="centre of the body in the room: x,y,z, m; default: centre of the room",
     )
     add_budget(parser)
-    parser.add_argument("--seconds", type=float, help="length of the sound")
-    add_fade(parser)
-    parser.add_argument("--rate", type=int, default=48_000, help="samples a second")
     parser.add_argument(
-        "--level", type=level, help="full scale: peak (default), a pressure in Pa, or absolute (20)"
+        "--seconds",
+        type=float,
+        help="length of the sound, s; default: until it has decayed by 60 dB, at most 10 s",
     )
-    parser.add_argument("--encoding", help="float32, int24 or int16; the best unless given")
+    add_fade(parser)
+    parser.add_argument("--rate", type=int, default=48_000, help="sample rate, Hz (default: 48000)")
+    parser.add_argument(
+        "--level",
+        type=level,
+        help="pressure at full scale: a number in Pa, absolute (20 Pa), or peak (default: 1 dB "
+        "above the peak)",
+    )
+    parser.add_argument(
+        "--encoding",
+        help="sample format: float32, int24 or int16; default: the best of the file format",
+    )
     parser.add_argument(
         "--strikes",
         metavar="TABLE",
-        help="CSV or TOML of name, at, striker, speed ...: a sound each, one level for all",
+        help="CSV or TOML table of strikes (name, at, striker, speed, ...): one sound for each "
+        "row, all at one level",
     )
-    parser.add_argument("--sounds", default="wav", help="of a table: wav (default), flac, ogg ...")
     parser.add_argument(
-        "-o", "--output", help="sound file, MODEL.wav unless given; or the folder of a table"
+        "--sounds",
+        default="wav",
+        help="format of the sounds of a table: wav (default), flac, ogg, ...",
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        help="sound file (default: MODEL.wav), or folder for the sounds of a table",
     )
 
 
@@ -261,29 +278,48 @@ def add_touches(parser: argparse.ArgumentParser) -> None:
         (
             "--strike",
             _PLACE,
-            "name, vertex:N or x,y,z in m; the playing place unless given",
+            "strike a place: name, vertex:N or x,y,z in m; default: the playing place",
         ),
         ("--scrape", _WAY, "drag a tip from place to place"),
         ("--roll", _WAY, "roll a ball from place to place"),
-        ("--pluck", _PLACE, "let a load go"),
-        ("--hold", _PLACE, "take hold with a hand"),
+        ("--pluck", _PLACE, "load a place and let go"),
+        ("--hold", _PLACE, "damp a place with a hand"),
     )
     for name, value, text in kinds:
         parser.add_argument(name, action="append", metavar=value, help=f"{text}; may be repeated")
-    parser.add_argument("--impulse", type=float, help="of a strike, N s")
-    tip = "of a scrape what its tip is made of, steel unless given"
-    parser.add_argument("--striker", help=f"fingertip, felt, rubber, plastic, wood ...; {tip}")
-    parser.add_argument("--speed", type=float, help="of the striker, tip or ball, m/s")
-    parser.add_argument("--duration", type=float, help="of a strike, s")
+    parser.add_argument("--impulse", type=float, help="impulse of a strike, N s")
+    tip = "wood (default of a strike), steel (default of a scrape), ..."
     parser.add_argument(
-        "--direction", type=numbers(3, form="x,y,z"), help="of a strike or pluck, x,y,z"
+        "--striker", help=f"striker, or tip of a scrape: fingertip, felt, rubber, plastic, {tip}"
     )
-    parser.add_argument("--load", type=float, default=1.0, help="on the tip, N (default 1)")
-    parser.add_argument("--roughness", help="what is scraped (sandpaper) or rolled on (wood)")
-    parser.add_argument("--radius", type=length, default=0.01, help="of the ball, m (default 0.01)")
-    parser.add_argument("--mass", type=float, default=0.02, help="of the ball, kg (default 0.02)")
-    parser.add_argument("--force", type=float, default=1.0, help="of a pluck, N (default 1)")
-    parser.add_argument("--grip", type=float, default=10.0, help="of a hand, N s/m (default 10)")
+    parser.add_argument(
+        "--speed",
+        type=float,
+        help="speed of the striker, tip or ball, m/s; default: 0.5 for strikes, 0.1 for scrapes "
+        "and rolls",
+    )
+    parser.add_argument("--duration", type=float, help="duration of the force of a strike, s")
+    parser.add_argument(
+        "--direction",
+        type=numbers(3, form="x,y,z"),
+        help="direction of a strike or pluck, x,y,z; default: into the surface",
+    )
+    parser.add_argument(
+        "--load", type=float, default=1.0, help="normal force on the tip, N (default: 1)"
+    )
+    parser.add_argument(
+        "--roughness", help="surface finish; default: sandpaper for scrapes, wood for rolls"
+    )
+    parser.add_argument(
+        "--radius", type=length, default=0.01, help="radius of the ball, m (default: 0.01)"
+    )
+    parser.add_argument(
+        "--mass", type=float, default=0.02, help="mass of the ball, kg (default: 0.02)"
+    )
+    parser.add_argument("--force", type=float, default=1.0, help="force of a pluck, N (default: 1)")
+    parser.add_argument(
+        "--grip", type=float, default=10.0, help="resistance of the hand, N s/m (default: 10)"
+    )
 
 
 def touches(options: argparse.Namespace) -> list[Action]:

@@ -36,24 +36,31 @@ EXAMPLES = (
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `struck show`."""
-    parser.add_argument("model", help="model; or the .toml plan of a measurement")
-    parser.add_argument("-o", "--output", help="picture; MODEL.png unless given")
+    parser.add_argument("model", help="model file, or the .toml plan of a measurement")
+    parser.add_argument("-o", "--output", help="picture file; default: MODEL.png")
     parser.add_argument(
         "--field",
-        help="of a timbre field: a mode's number, from 1, for its directivity; or brightness",
+        help="draw a timbre field: the directivity of a mode, by its number from 1, or brightness",
     )
-    parser.add_argument("--strike", metavar="PLACE", type=place, help="how the surface moves then")
     parser.add_argument(
-        "--modes", type=count_of_modes, metavar="N", help="shapes of the first N modes alone"
+        "--strike",
+        metavar="PLACE",
+        type=place,
+        help="draw the motion of the surface after a strike at PLACE",
+    )
+    parser.add_argument(
+        "--modes", type=count_of_modes, metavar="N", help="draw the first N mode shapes"
     )
     parser.add_argument(
         "--nodal-lines",
         type=count_of_modes,
         metavar="N",
-        help="of the first N modes, from the broad side",
+        help="draw the nodal lines of the first N modes",
     )
     parser.add_argument(
-        "--pitch", type=length, help="of a plan, m a unit of its contacts, where names tell no unit"
+        "--pitch",
+        type=length,
+        help="metres per unit of the contacts of a plan, if their names give no unit",
     )
 
 

@@ -45,37 +45,70 @@ _LOOK = 0.02  # s between two looks at whether it goes on
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `struck simulate`."""
-    parser.add_argument("scene", help="MJCF or URDF")
-    parser.add_argument("--seconds", type=float, default=5.0, help="of motion (default 5)")
+    parser.add_argument("scene", help="scene file, MJCF or URDF")
+    parser.add_argument(
+        "--seconds", type=float, default=5.0, help="duration of the simulation, s (default: 5)"
+    )
     many = {"action": "append", "metavar": _PATTERN, "default": []}
-    bodies = parser.add_argument_group("bodies, by patterns of their names")
-    bodies.add_argument("--material", **many, help="what they are made of, as mug*=ceramic, or all")
-    bodies.add_argument("--wall", **many, help="of hollow ones, m")
-    bodies.add_argument("--model", **many, help="a .struck or mesh file that sounds instead")
-    bodies.add_argument("--roughness", **many, help="of their surfaces")
-    bodies.add_argument("--mute", action="append", default=[], help="those only touched")
-    bodies.add_argument("--accuracy", default="standard", help="preview, standard or fine")
-    bodies.add_argument("--damping", default="own", help="own (default) or heard")
+    bodies = parser.add_argument_group("bodies, selected by patterns of their names")
+    bodies.add_argument(
+        "--material", **many, help="material, e.g. mug*=ceramic, or one for all bodies"
+    )
+    bodies.add_argument("--wall", **many, help="wall thickness of hollow bodies, m")
+    bodies.add_argument(
+        "--model", **many, help="model or mesh file that sounds instead of the shape in the scene"
+    )
+    bodies.add_argument("--roughness", **many, help="surface finish")
+    bodies.add_argument(
+        "--mute",
+        action="append",
+        default=[],
+        help="pattern of bodies without sound, which are not analyzed",
+    )
+    bodies.add_argument(
+        "--accuracy",
+        default="standard",
+        help="accuracy of the frequencies: preview, standard (default) or fine",
+    )
+    bodies.add_argument(
+        "--damping", default="own", help="damping constants: own (default) or heard"
+    )
     engine = parser.add_argument_group("engine")
     pair = "PAIR=VALUE"
     for name in ("restitution", "friction"):
-        text = "a number, materials, or for pairs as ball,floor*=0.8"
+        text = "a number, materials, or values of pairs, e.g. ball,floor*=0.8; default: the file's"
         engine.add_argument(f"--{name}", action="append", metavar=pair, default=[], help=text)
-    engine.add_argument("--engine", default="mujoco", help="mujoco (default) or rapier")
-    engine.add_argument("--step", type=float, help="s; the file's own unless given")
-    engine.add_argument("--keyframe", help="from where it starts")
-    engine.add_argument("--folder", help="that holds all files of the scene")
-    engine.add_argument("--convex", default="parts", help="parts (default) or hull")
+    engine.add_argument(
+        "--engine", default="mujoco", help="physics engine: mujoco (default) or rapier"
+    )
+    engine.add_argument("--step", type=float, help="time step, s; default: that of the file")
+    engine.add_argument("--keyframe", help="name of the keyframe to start from")
+    engine.add_argument(
+        "--folder",
+        help="folder that contains all files of the scene; default: that of the scene file",
+    )
+    engine.add_argument(
+        "--convex",
+        default="parts",
+        help="collision shape of concave meshes: convex parts (default) or hull",
+    )
     add_listener(parser)
     add_room(parser)
-    parser.add_argument("--play", action="store_true", help="hear it live; nothing is written")
-    parser.add_argument("--device", help="to play on, as for `struck play`")
-    parser.add_argument("--ring", type=float, default=2.0, help="s heard after motion ends")
-    parser.add_argument("--rate", type=int, default=48_000, help="samples a second")
+    parser.add_argument("--play", action="store_true", help="play live, and write no files")
+    parser.add_argument("--device", help="output device, as for 'struck play'")
+    parser.add_argument(
+        "--ring",
+        type=float,
+        default=2.0,
+        help="time rendered after the simulation ends, s (default: 2)",
+    )
+    parser.add_argument("--rate", type=int, default=48_000, help="sample rate, Hz (default: 48000)")
     add_fade(parser)
-    parser.add_argument("--stems", action="store_true", help="write a sound of each body too")
-    parser.add_argument("--log", help="contact log: .npz (default, beside the sound), .csv, .jsonl")
-    parser.add_argument("-o", "--output", help="sound file; SCENE.wav unless given")
+    parser.add_argument("--stems", action="store_true", help="also write a sound of each body")
+    parser.add_argument(
+        "--log", help="contact log, .npz, .csv or .jsonl; default: OUTPUT with the ending .npz"
+    )
+    parser.add_argument("-o", "--output", help="sound file; default: SCENE.wav")
 
 
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:

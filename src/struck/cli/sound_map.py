@@ -24,15 +24,22 @@ EXAMPLES = (
 
 def declare(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `struck sound-map`."""
-    parser.add_argument("model")
+    parser.add_argument("model", help="model file")
     parser.add_argument(
-        "--threshold", type=float, default=3.0, help="sonic distance that passes, dB (default 3)"
+        "--threshold",
+        type=float,
+        default=3.0,
+        help="largest sonic distance from a place to its contact, dB (default: 3)",
     )
-    parser.add_argument("--listener", type=POSITION, help="x,y,z in m; beside the body if absent")
-    parser.add_argument("--level", type=float, help="of the loudest contact, dB SPL (default 85)")
-    parser.add_argument("--bank", help="folder for a WAV file of each contact and their list")
-    parser.add_argument("--parameters", help="file for the map as numbers (.safetensors)")
-    parser.add_argument("-o", "--output", help="picture; MODEL_map.png unless given")
+    parser.add_argument(
+        "--listener", type=POSITION, help="position x,y,z, m; default: next to the body"
+    )
+    parser.add_argument(
+        "--level", type=float, help="level of the loudest contact, dB SPL (default: 85)"
+    )
+    parser.add_argument("--bank", help="folder for a WAV file of each contact, and a list of them")
+    parser.add_argument("--parameters", help="file for the map as arrays, .safetensors")
+    parser.add_argument("-o", "--output", help="picture file; default: MODEL_map.png")
 
 
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:

@@ -26,20 +26,26 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--vary",
         required=True,
-        help="a length of the body by name; of a block length, width, height",
+        help="dimension to change, by name; for a block: length, width or height",
     )
     parser.add_argument(
         "--note",
         "--lowest",
         dest="lowest",
         type=one_pitch,
-        help="of the lowest mode: Hz, or a note as A5",
+        help="target frequency of the lowest mode: Hz, or a note such as A5",
     )
-    parser.add_argument("--frequency", type=one_pitch, help="of --mode instead")
     parser.add_argument(
-        "--mode", default="1", help="number, from 1, or of a family, as 'bending 2' or torsion"
+        "--frequency", type=one_pitch, help="target frequency of the mode of --mode: Hz, or a note"
     )
-    parser.add_argument("--accuracy", help="of solids: preview, standard (default) or fine")
+    parser.add_argument(
+        "--mode",
+        default="1",
+        help="mode to tune: its number from 1 (default), or a family, e.g. 'bending 2' or torsion",
+    )
+    parser.add_argument(
+        "--accuracy", help="accuracy for solids: preview, standard (default) or fine"
+    )
 
 
 def one_pitch(text: str) -> float:
