@@ -8,6 +8,7 @@ import runpy
 import shlex
 import subprocess
 import sys
+from operator import attrgetter
 from pathlib import Path
 
 import pytest
@@ -161,6 +162,19 @@ def test_links_lead_to_files_that_exist(page: Path) -> None:
     links = {link for link in LINK.findall(text) if "://" not in link}
     generated = {"gallery/index"}  # pages that Sphinx makes
     assert not {each for each in links - generated if not (page.parent / each).exists()}
+
+
+MAX_CHANGELOG_LINES = 60
+
+
+def test_changelog_is_short_and_names_every_verb() -> None:
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= MAX_CHANGELOG_LINES
+    names = re.findall(r"`(struck\.[\w.]+)`", text)
+    for name in names:
+        assert attrgetter(name.removeprefix("struck."))(struck), name
+    verbs = {name for name in struck.__all__ if name[0].islower()}
+    assert {f"struck.{verb}" for verb in verbs} <= set(names)
 
 
 OFFLINE = """
