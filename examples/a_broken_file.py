@@ -1,4 +1,4 @@
-"""Break a mesh on purpose, and see what is repaired, what is said, and what it costs the pitch."""
+"""Damage a mesh, and compare its repair, its warnings and its frequencies with the original."""
 
 import warnings
 from pathlib import Path
@@ -10,20 +10,20 @@ from struck import Mesh
 from struck.errors import RepairWarning
 from struck.report.gallery import bird, written
 
-whole = bird()
+original = bird()
 random = np.random.default_rng(1)
-head = whole.points[whole.points[:, 2].argmax()]
-far = np.linalg.norm(whole.centroids - head, axis=1) > 0.008
-faces = whole.faces[far]  # a hole in the head
+head = original.points[original.points[:, 2].argmax()]
+far = np.linalg.norm(original.centroids - head, axis=1) > 0.008
+faces = original.faces[far]  # a hole in the head
 over = random.random(len(faces)) < 0.1
-faces = np.where(over[:, None], faces[:, ::-1], faces)  # every tenth face the wrong way round
-written(whole, Path("bird.obj"))
-written(Mesh(points=whole.points, faces=faces), Path("broken.obj"))
+faces = np.where(over[:, None], faces[:, ::-1], faces)  # every tenth face flipped
+written(original, Path("bird.obj"))
+written(Mesh(points=original.points, faces=faces), Path("broken.obj"))
 
-with warnings.catch_warnings(record=True) as told:
+with warnings.catch_warnings(record=True) as caught:
     warnings.simplefilter("always", RepairWarning)
     model = struck.analyze("broken.obj", "ceramic", size=0.15, up="z", accuracy="preview")
-for warning in told:
+for warning in caught:
     print(warning.message)
 
 details = model.provenance.details

@@ -1,7 +1,7 @@
 """Random bodies, struck at random: arrays of sounds and a table of labels.
 
 python examples/data_set.py 200 makes two hundred bodies with five sounds each, on all processors.
-Without a number it makes four. What cannot be computed is listed with its reason.
+The default is four bodies. Bodies that cannot be computed are listed with the reason.
 """
 
 import csv
@@ -20,18 +20,19 @@ from struck.solids import Block
 
 BODIES = int(sys.argv[1]) if sys.argv[1:] and sys.argv[1].isdigit() else 4
 SOUNDS, SECONDS, RATE = 5, 1.0, 16_000  # of each body; s; Hz
-BAND = (50.0, 7500.0)  # Hz: what the rate can hold, and not a mode more
+BAND = (50.0, 7500.0)  # Hz; at most half of the sample rate
 MATERIALS = ("steel", "aluminium", "glass", "oak", "acrylic", "ceramic")
 STRIKERS = ("fingertip", "felt", "rubber", "wood", "steel")
 
 
-def random_body(chance: np.random.Generator) -> Block | Bar | CircularPlate:
-    """Return a body of one of three kinds, its lengths drawn evenly on a logarithmic scale."""
+def random_body(generator: np.random.Generator) -> Block | Bar | CircularPlate:
+    """Draw a body of one of three kinds, with log-uniform dimensions."""
     long, wide, thin = (
-        float(chance.uniform(*np.log(ends))) for ends in ((0.08, 0.4), (0.02, 0.08), (2e-3, 1e-2))
+        float(generator.uniform(*np.log(ends)))
+        for ends in ((0.08, 0.4), (0.02, 0.08), (2e-3, 1e-2))
     )
     length, width, thickness = np.exp([long, wide, thin]).tolist()
-    kind = chance.choice(["block", "bar", "plate"])
+    kind = generator.choice(["block", "bar", "plate"])
     if kind == "block":
         return Block(size=(length, width, thickness))
     if kind == "bar":
@@ -40,18 +41,18 @@ def random_body(chance: np.random.Generator) -> Block | Bar | CircularPlate:
 
 
 def sounds_of(number: int) -> tuple[int, str, list[dict[str, object]], np.ndarray]:
-    """Return a body's number, why it failed (or nothing), its labels, and sounds (SOUNDS, n)."""
-    chance = np.random.default_rng([27, number])  # the same whichever process makes it
-    body, material = random_body(chance), str(chance.choice(MATERIALS))
+    """Return the number of a body, the error message or "", its labels, and sounds (SOUNDS, n)."""
+    generator = np.random.default_rng([27, number])  # the same in every process
+    body, material = random_body(generator), str(generator.choice(MATERIALS))
     labels, sounds = [], np.zeros((SOUNDS, round(SECONDS * RATE)), np.float32)
     try:
         model = struck.analyze(body, material, accuracy="preview", band=BAND, cache=False)
         for row in range(SOUNDS):
-            vertex = int(chance.integers(len(model.geometry.points)))
-            striker, speed = str(chance.choice(STRIKERS)), float(chance.uniform(0.1, 2.0))
+            vertex = int(generator.integers(len(model.geometry.points)))
+            striker, speed = str(generator.choice(STRIKERS)), float(generator.uniform(0.1, 2.0))
             strike = Strike(at=f"vertex:{vertex}", striker=striker, speed=speed)
             sound = struck.render(model, strike, seconds=SECONDS, sample_rate=RATE)
-            sounds[row] = sound.samples[0]  # Pa: louder blows stay louder
+            sounds[row] = sound.samples[0]  # Pa, not normalised
             labels.append(
                 {
                     "body": number,
@@ -64,32 +65,31 @@ def sounds_of(number: int) -> tuple[int, str, list[dict[str, object]], np.ndarra
                     "lowest": float(model.frequencies[:1].sum()),
                 }
             )
-    except StruckError as error:  # too many modes, none in the band, too thin for elements ...
+    except StruckError as error:  # too many modes, no mode in the band, too thin for elements ...
         return number, str(error), [], sounds[:0]
     return number, "", labels, sounds
 
 
 if __name__ == "__main__":
-    for library in ("OMP", "OPENBLAS"):  # a process for each processor leaves one thread to each
+    for library in ("OMP", "OPENBLAS"):  # one thread in each process
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
-    # Spawned processes share no locks with this one. At most as many models are in memory at once
-    # as there are processes, and only sounds come back.
+    # Spawned processes inherit no locks. Each holds one model in memory, and returns sounds only.
     labels, sounds, refused = [], [], []
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
         for number, reason, rows, made in pool.map(sounds_of, range(BODIES)):
             labels += rows
             sounds.append(made)
             refused += [(number, reason)] * bool(reason)
-    every = np.concatenate(sounds)
-    np.save("sounds.npy", every)
-    with open("labels.csv", "w", newline="", encoding="utf-8") as file:  # noqa: PTH123 - the csv module shows it so
+    samples = np.concatenate(sounds)
+    np.save("sounds.npy", samples)
+    with open("labels.csv", "w", newline="", encoding="utf-8") as file:  # noqa: PTH123 - as in the documentation of csv
         table = csv.DictWriter(file, labels[0])
         table.writeheader()
         table.writerows(labels)
-    peaks = np.abs(every).max(axis=1)
-    silent = np.count_nonzero(peaks == 0)  # struck where the body is held, for example
+    peaks = np.abs(samples).max(axis=1)
+    silent = np.count_nonzero(peaks == 0)  # for example struck at a clamped place
     ends = 20 * np.log10(np.array([peaks[peaks > 0].min(), peaks.max()]) / 2e-5)
-    print(f"{len(every)} sounds, {silent} silent, the others {ends.round()} dB re 20 uPa")
+    print(f"{len(samples)} sounds, {silent} silent, the others {ends.round()} dB re 20 uPa")
     for number, reason in refused:
         print(f"body {number} refused: {reason}")
-    assert len(labels) == len(every) == SOUNDS * (BODIES - len(refused))
+    assert len(labels) == len(samples) == SOUNDS * (BODIES - len(refused))

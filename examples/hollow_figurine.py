@@ -1,4 +1,4 @@
-"""From a closed mesh file to the sound of a hollow figurine, struck in three places."""
+"""Analyze a closed mesh file as a hollow figurine, and strike it in three places."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import struck
 from struck import Strike
 from struck.report.gallery import bird, written
 
-written(bird(), Path("bird.obj"))  # any closed OBJ, STL, PLY, OFF, GLB or glTF file will do
+written(bird(), Path("bird.obj"))  # or any closed OBJ, STL, PLY, OFF, GLB or glTF file
 
 model = struck.analyze(
     "bird.obj", "ceramic", size=0.15, wall=0.008, up="z", accuracy="preview", damping="heard"

@@ -1,11 +1,11 @@
-"""A recording becomes a model, which is then struck harder, made larger, and compared (2007)."""
+"""Fit a model to a recording, render it at another size, and compare it (2007)."""
 
 import numpy as np
 
 import struck
 from struck.solids import Block
 
-# A block of oak stands in for an object of your own: record that, and leave this paragraph out.
+# A computed block of oak replaces the recording; use a recording of your own object instead.
 oak = struck.analyze(Block(size=(0.2, 0.05, 0.02)), "oak", accuracy="preview")
 struck_once = struck.render(oak, struck.Strike(at="end", striker="wood"), seconds=1.0)
 samples = np.pad(struck_once.samples[0] / struck_once.peak, (24_000, 0))

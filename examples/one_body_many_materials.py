@@ -1,4 +1,4 @@
-"""Compute a bowl once, and hear it in five materials: no new analysis is needed."""
+"""Analyze a bowl once, and render it in five materials without a new analysis."""
 
 import struck
 from struck import Material, Strike
@@ -15,5 +15,5 @@ for name in ("steel", "glass", "brass", "oak", "nylon"):
         f"complete to {model.complete_to:.0f} Hz"
     )
 
-# Glass has another Poisson's ratio than steel: what that may cost is told, and small.
+# Glass has another Poisson's ratio than steel, which increases the error estimate a little.
 assert steel.made_of("glass").errors[0] < steel.errors[0] + 0.01

@@ -1,6 +1,6 @@
-"""Two balls on a table that you hear while they roll and meet: python examples/play_a_scene.py.
+"""Play two balls that roll and collide on a table: python examples/play_a_scene.py.
 
-A device is needed; without one the message says how to render to a file instead.
+This needs an audio device. Without one, the message describes how to render to a file.
 """
 
 import time
@@ -25,7 +25,7 @@ TABLE = """
 
 
 def push(model: Any, data: Any) -> None:  # noqa: ANN401 - MuJoCo's
-    """Roll the balls toward each other again and again."""
+    """Push the balls toward the centre of the table."""
     for name in ("left", "right"):
         body = data.body(name)
         body.xfrc_applied[0] = -0.4 * model.body(name).mass[0] * body.xpos[0] / 0.1

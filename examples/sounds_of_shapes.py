@@ -1,4 +1,4 @@
-"""The timbre of a bar and of a drum changes with the place that is struck (1998, section 2.2)."""
+"""Compare the timbre of a bar and of a drum between contacts (1998, section 2.2)."""
 
 import struck
 from struck.shapes import Bar, CircularMembrane

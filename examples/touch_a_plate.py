@@ -1,4 +1,4 @@
-"""Touch one steel plate in many ways: strike, scrape, roll, pluck and hold."""
+"""Strike, scrape, roll on, pluck and hold one steel plate."""
 
 from dataclasses import replace
 

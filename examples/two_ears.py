@@ -1,4 +1,4 @@
-"""Compare what two ears get of a source around them: KEMAR's, and those of a rigid ball."""
+"""Compare interaural delays and levels of KEMAR with those of a rigid sphere."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -16,7 +16,7 @@ DISTANCES = np.full(len(ANGLES), DISTANCE)
 
 
 def left_over_right(head: Head, frequency: float) -> np.ndarray:
-    """Return the ratio of the pressures at both ears."""
+    """Return the ratio of the pressures at the left and the right ear."""
     delays, responses = head.prepared(RATE).toward(DIRECTIONS, DISTANCES)
     times = delays[..., np.newaxis] + np.arange(responses.shape[-1]) / RATE
     left, right = np.sum(responses * np.exp(-2j * np.pi * frequency * times), axis=-1).T
@@ -24,18 +24,18 @@ def left_over_right(head: Head, frequency: float) -> np.ndarray:
 
 
 def phase_delay(head: Head, frequency: float = 500) -> np.ndarray:
-    """Return by how much the left ear leads, microseconds."""
+    """Return the interaural phase delay, microseconds; positive if the left ear leads."""
     return 1e6 * np.angle(left_over_right(head, frequency)) / (2 * np.pi * frequency)
 
 
 def onset_delay(head: Head) -> np.ndarray:
-    """Return by how much a wave front comes earlier to the left ear, microseconds."""
+    """Return the interaural delay of the wave front, microseconds; positive if the left leads."""
     delays, _ = head.prepared(RATE).toward(DIRECTIONS, DISTANCES)
     return 1e6 * (delays[:, 1] - delays[:, 0])
 
 
 def level(head: Head, frequency: float) -> np.ndarray:
-    """Return by how much the left ear is louder, dB."""
+    """Return the interaural level difference, dB; positive if the left ear is louder."""
     return 20 * np.log10(np.abs(left_over_right(head, frequency)))
 
 
@@ -67,9 +67,9 @@ figure.savefig("ears.png")
 
 print("          delay at 500 Hz    delay of onsets   level at 4 kHz")
 print("azimuth   KEMAR  ball (us)   KEMAR  ball (us)  KEMAR  ball (dB)")
-told = (phase_delay(kemar), phase_delay(ball), onset_delay(kemar), woodworth)
-told += (level(kemar, 4000), level(ball, 4000))
+columns = (phase_delay(kemar), phase_delay(ball), onset_delay(kemar), woodworth)
+columns += (level(kemar, 4000), level(ball, 4000))
 for azimuth in range(15, 91, 15):
-    row = [values[azimuth] for values in told]
+    row = [values[azimuth] for values in columns]
     print("{:7}   {:5.0f} {:5.0f}        {:5.0f} {:5.0f}     {:7.1f} {:5.1f}".format(azimuth, *row))
-assert abs(row[0] - row[1]) < 40  # KEMAR has a head of about this size
+assert abs(row[0] - row[1]) < 40  # the head of KEMAR has about this size

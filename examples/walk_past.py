@@ -1,4 +1,4 @@
-"""Walk past a ringing bar, then turn round beside it: with the ears of a dummy head."""
+"""Walk past a ringing bar, and turn around next to it, with the ears of a dummy head."""
 
 import numpy as np
 

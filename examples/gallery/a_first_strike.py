@@ -2,8 +2,8 @@
 Analyze and strike
 ==================
 
-A shape and a material become a model, and the model a sound. `struck.analyze`, `struck.render` and
-`Strike`.
+Compute a model from a shape and a material, and render a sound with it: `struck.analyze`,
+`struck.render` and `Strike`.
 """
 
 import struck
@@ -15,15 +15,15 @@ chime = struck.analyze(tube, "aluminium", accuracy="preview", band=(20, 8000))
 struck.show(chime)
 
 # %%
-# Struck at its end by wood. A strike is said by striker and speed, by an energy, or by an impulse.
+# Strike the end with wood. Give a striker and its speed, an energy, or an impulse.
 struck.render(chime, Strike(at="end", striker="wood", speed=1.0), seconds=1.5)
 
 # %%
-# In its middle other modes sound, and felt wakes fewer of the high ones.
+# A strike at the middle excites other modes, and felt excites fewer high modes.
 struck.render(chime, Strike(at="middle", striker="felt", speed=1.0), seconds=1.5)
 
 # %%
-# A model is kept in one file.
+# Save the model to one file, and load it.
 struck.save(chime, "chime.struck")
 again = struck.load("chime.struck")
 print(again.frequencies[:4], "Hz, T60", again.t60[:4], "s")

@@ -2,7 +2,7 @@
 Tune a body
 ===========
 
-`struck.tune` finds the dimension with which a solid's lowest mode is at a note.
+`struck.tune` finds the dimension at which the lowest mode of a body has a given frequency.
 """
 
 import struck
@@ -15,7 +15,7 @@ for note in ("C5", "E5", "G5"):
     print(f"{note}: {1000 * tube.length:.1f} mm")
 
 # %%
-# The last of them, in the material's own damping.
+# The last tube.
 model = struck.analyze(tube, "aluminium", accuracy="preview", band=(20, 8000))
 struck.show(model)
 

@@ -2,7 +2,7 @@
 Scrape
 ======
 
-A tip is dragged along a path over the surface. `Scrape`.
+Drag a tip along a path over the surface: `Scrape`.
 """
 
 import struck
@@ -22,7 +22,7 @@ spectrogram(sound)
 sound
 
 # %%
-# Over wood, faster and faster, to and fro.
+# Back and forth over wood, with increasing speed.
 faster = Scrape(
     path=path, speed=([0, 2], [0.05, 0.5]), load=1.0, roughness="wood", radius=1e-3, repeat="back"
 )

@@ -2,7 +2,7 @@
 Roll
 ====
 
-A ball rides over the roughness of the surface and of itself. `Roll`.
+Roll a ball over a surface; both are rough: `Roll`.
 """
 
 import struck
@@ -21,5 +21,5 @@ spectrogram(sound)
 sound
 
 # %%
-# With a flat spot, which is felt once a turn.
+# A worn flat on the ball is audible once per revolution.
 struck.render(plate, Roll(path=path, radius=0.012, speed=0.2, mass=0.02, flat=2e-6), seconds=1.5)

@@ -2,7 +2,7 @@
 Pluck and release
 =================
 
-A string is pulled aside at one place, or let go from any shape. `Pluck` and `Release`.
+Pull a string aside at one point, or release it from any shape: `Pluck` and `Release`.
 """
 
 import numpy as np
@@ -20,12 +20,12 @@ struck.show(string)
 struck.render(string, Pluck(at=(0.1,), force=2.0), seconds=1.5)
 
 # %%
-# In the middle every second mode is missing.
+# At the middle every second mode is missing.
 struck.render(string, Pluck(at=(0.325,), force=2.0), seconds=1.5)
 
 
 # %%
-# Let go from the shape of its lowest mode alone: nearly a sine.
+# Release the string from the shape of its lowest mode: nearly a sine.
 def arc(x: np.ndarray) -> np.ndarray:
     """Return the displacement, m."""
     return 1e-3 * np.sin(np.pi * x[:, 0] / 0.65)

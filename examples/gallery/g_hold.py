@@ -2,7 +2,7 @@
 Hold
 ====
 
-A hand takes energy from the modes that move where it holds. `Hold`.
+Damp the modes that move at the place of a hand: `Hold`.
 """
 
 import struck

@@ -2,7 +2,7 @@
 Any force
 =========
 
-A force that was measured, computed or drawn. `ForceTrack`.
+Apply a measured, computed or drawn force: `ForceTrack`.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from struck.solids import Block
 
 block = struck.analyze(Block(size=(0.30, 0.05, 0.01)), "oak", accuracy="preview")
 times = np.arange(48_000) / 48_000
-taps = np.where((times % 0.2) < 5e-4, 10.0, 0.0) * times  # N: every 0.2 s, harder and harder
+taps = np.where((times % 0.2) < 5e-4, 10.0, 0.0) * times  # N: every 0.2 s, with increasing force
 sound = struck.render(block, ForceTrack(at="end", force=taps, sample_rate=48_000), seconds=1.5)
 spectrogram(sound)
 
@@ -22,7 +22,7 @@ spectrogram(sound)
 sound
 
 # %%
-# The force of a simulation, 1000 values a second, spread over the softness of the contact.
+# The force of a simulation, 1000 values per second, spread over a pulse for the soft contact.
 steps = np.zeros(1000)
 steps[[50, 300, 450]] = 80.0, 40.0, 20.0
 bumps = ForceTrack(at="end", force=steps, sample_rate=1000, kernel="gaussian", softness=2e-3)

@@ -2,7 +2,7 @@
 Touch with a finger
 ===================
 
-A log of where a finger is and how hard it presses, as a tablet gives it. `TouchLog`.
+Log the positions and forces of a finger, as of a tablet: `TouchLog`.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from struck.solids import Block
 
 block = Block(size=(0.30, 0.20, 0.003))
 plate = struck.analyze(block, "steel", accuracy="preview", band=(20, 8000))
-times = np.arange(0, 2, 1 / 100)  # a hundred updates a second
+times = np.arange(0, 2, 1 / 100)  # 100 updates per second
 angles = 2 * np.pi * times
 circle = np.column_stack([0.08 * np.cos(angles), 0.06 * np.sin(angles), 0 * times + 0.0015])
 forces = 1.0 + np.sin(angles / 2) ** 2  # N

@@ -2,7 +2,7 @@
 See a body move
 ===============
 
-`struck.show` draws modes, and the surface just after a blow.
+`struck.show` draws modes, and the motion of the surface after a strike.
 """
 
 import struck
@@ -14,7 +14,7 @@ drum = struck.analyze(shape, "nylon", band=(20, 2000))
 struck.show(drum, modes=9)
 
 # %%
-# Struck off the middle: the wave runs out and comes back from the edges.
+# A strike off the centre: the wave spreads, and is reflected by the edges.
 strike = Strike(at=(0.1, 0.1), striker="wood", speed=1.0)
 struck.show(drum, strike=strike)
 

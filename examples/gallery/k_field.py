@@ -2,7 +2,7 @@
 Sound around a body
 ===================
 
-A computed timbre field: what is heard depends on where the listener stands. `ModalModel.radiating`.
+Compute a timbre field: the gains at every listener position. `ModalModel.radiating`.
 """
 
 import numpy as np
@@ -17,13 +17,13 @@ field = block.radiating(band=(20, 6000))
 struck.show(field, field=0)
 
 # %%
-# How bright a strike is on three planes around it.
+# Brightness of a strike on three planes around the body.
 struck.show(field, field="brightness")
 
 # %%
-# Struck eight times while one walks round it.
-turns = np.linspace(0, 2 * np.pi, 97)
-walk = np.stack([0.5 * np.cos(turns), 0.5 * np.sin(turns), 0 * turns + 0.1], axis=1)
+# Eight strikes, while the listener walks around the body.
+angles = np.linspace(0, 2 * np.pi, 97)
+walk = np.stack([0.5 * np.cos(angles), 0.5 * np.sin(angles), 0 * angles + 0.1], axis=1)
 taps = [Strike(at="end", striker="wood", speed=1.0, time=0.25 * n) for n in range(8)]
 listener = Mono(position=(np.linspace(0, 2, 97), walk))
 struck.render(field, taps, seconds=2.0, listener=listener)

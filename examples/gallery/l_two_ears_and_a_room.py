@@ -2,7 +2,7 @@
 Two ears and a room
 ===================
 
-Where the listener is, with which ears, and between which walls. `Binaural`, `Stereo` and `Room`.
+Place listeners with two ears, and a room around them: `Binaural`, `Stereo` and `Room`.
 """
 
 import struck
@@ -16,10 +16,10 @@ walking = Binaural(position=([0, 2], [(-3, 1, 0), (3, 1, 0)]), facing=(1, 0, 0))
 struck.render(bar, taps, seconds=2.5, listener=walking)
 
 # %%
-# The same in a room of 6 m by 5 m by 3 m with walls of brick.
+# The same sound in a room of 6 m by 5 m by 3 m with brick walls.
 room = Room(size=(6.0, 5.0, 3.0), walls="brick", corner=(-3.5, -2.0, -1.2))
-standing = Binaural(position=(1.0, 1.0, 0.0), facing=(-1, -1, 0))
-sound = struck.render(bar, taps, seconds=3.0, listener=standing, room=room)
+listener = Binaural(position=(1.0, 1.0, 0.0), facing=(-1, -1, 0))
+sound = struck.render(bar, taps, seconds=3.0, listener=listener, room=room)
 sound
 
 # %%

@@ -2,7 +2,8 @@
 Sound map and sonic distance
 ============================
 
-How many sounds does a body need? `struck.sound_map`, `struck.sonic_distance` and `struck.audible`.
+Choose the contacts whose sounds represent a surface: `struck.sound_map`, `struck.sonic_distance`
+and `struck.audible`.
 """
 
 import struck
@@ -16,12 +17,12 @@ print(f"{len(made.contacts)} stored contacts: no place is more than 6 dB from it
 sound_map_picture(made)
 
 # %%
-# How different two places sound, in dB; and how many modes are ever heard.
-middle, corner = (0.15, 0.10), (0.03, 0.03)
-print(f"{struck.sonic_distance(plate, plate, at=middle, against=corner):.1f} dB apart")
+# The difference between two contacts, in dB, and the number of audible modes.
+centre, corner = (0.15, 0.10), (0.03, 0.03)
+print(f"{struck.sonic_distance(plate, plate, at=centre, against=corner):.1f} dB apart")
 print(f"{len(struck.audible(plate).frequencies)} of {len(plate.frequencies)} modes are audible")
 
 # %%
-# Struck in the middle, then near the corner.
-taps = [struck.Strike(at=middle), struck.Strike(at=corner, time=0.7)]
+# Strikes at the centre, then near the corner.
+taps = [struck.Strike(at=centre), struck.Strike(at=corner, time=0.7)]
 struck.render(plate, taps, seconds=1.5)

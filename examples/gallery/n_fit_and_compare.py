@@ -2,8 +2,7 @@
 Fit a recording
 ===============
 
-A recording becomes a model of the same kind, which is then compared with a computed one.
-`struck.fit` and `struck.compare`.
+Fit a model to a recording, and compare it with a computed model: `struck.fit` and `struck.compare`.
 """
 
 import numpy as np
@@ -17,7 +16,7 @@ bar = struck.analyze(Bar(length=0.25, width=0.03, thickness=0.006, ends="free"),
 strike = Strike(at="end", striker="wood", speed=0.5)
 
 # %%
-# The recording, made here of a computed bar and a little noise, with half a second before the hit.
+# The recording: a computed bar with a little noise, and a lead-in of half a second.
 hit = struck.render(bar, strike, seconds=1.0)
 samples = np.concatenate([np.zeros(24_000), 0.5 * hit.samples[0] / hit.peak])
 samples += 1e-4 * np.random.default_rng(0).standard_normal(len(samples))
@@ -29,11 +28,11 @@ spectrogram(recording)
 recording
 
 # %%
-# The model, struck again.
+# A strike on the fitted model.
 model = struck.fit("tap.wav", modes=None)
 print(*(f"{frequency:.2f} Hz" for frequency in model.frequencies))
 struck.render(model, Strike(), seconds=1.0)
 
 # %%
-# Side by side with the computed one.
+# Comparison with the computed model.
 print(*struck.compare(bar, "tap.wav", strike=strike).summary(), sep="\n")

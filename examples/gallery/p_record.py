@@ -2,8 +2,8 @@
 Record point by point
 =====================
 
-A plan of places, a log of takes, and a model of them all. `struck record` does this with a
-microphone; here a recorder in Python strikes a computed bar.
+Record the takes of a plan, and fit a model to them. `struck record` does this with a microphone;
+this script strikes a computed bar instead.
 """
 
 from pathlib import Path
@@ -27,12 +27,12 @@ contacts = [[0.01], [0.09], [0.125]]
 
 
 class Recorder:
-    """Strikes the bar where the plan says; a real one records a microphone."""
+    """A substitute for a microphone, which renders strikes on the bar."""
 
     sample_rate, channels = 48_000, 1
 
     def record(self, take, seconds, lead_in, cue):
-        """Return what a microphone hears, from the lead-in on."""
+        """Return the samples of one take, lead-in included."""
         cue()
         place = take.point.contact
         hit = struck.render(bar, Strike(at=place, striker="wood", speed=0.5), seconds=seconds - 0.6)
@@ -47,10 +47,10 @@ outcome = capture(read_plan("plan.toml"), Path("takes"), Recorder())
 print(f"{outcome.recorded} takes, {len(outcome.refusals)} refused")
 
 # %%
-# The first take: half a second of the room, then the hit.
+# The first take: half a second of noise, then the hit.
 spectrogram(Sound.load(next(Path("takes").glob("*.wav"))))
 
 # %%
-# One model of all takes, which can be struck between the recorded places.
+# One model of all takes, which can be struck between the recorded contacts.
 model = struck.fit("takes", modes=None)
 struck.render(model, Strike(at=(0.05,)), seconds=1.0)

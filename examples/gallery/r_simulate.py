@@ -1,8 +1,8 @@
 """
-A simulation
-============
+Simulate
+========
 
-A tile falls on a shelf in MuJoCo, and both sound. `struck.simulate`.
+Simulate a tile that falls on a shelf in MuJoCo, and render both: `struck.simulate`.
 """
 
 from pathlib import Path

@@ -2,8 +2,7 @@
 Many meshes
 ===========
 
-A folder of meshes becomes a folder of models, with a report of what was refused.
-`struck.analyze_many`.
+Analyze a folder of meshes into a folder of models, with a report: `struck.analyze_many`.
 """
 
 from pathlib import Path

@@ -2,8 +2,8 @@
 In a browser
 ============
 
-`struck.explore` opens bodies in a browser, where a click strikes them. Here the server starts, says
-its address, and ends.
+`struck.explore` shows bodies in a browser, where a click strikes them. This script starts the
+server, prints its address, and stops it.
 """
 
 import struck
