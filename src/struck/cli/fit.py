@@ -55,7 +55,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
         "--blow",
         type=numbers(2),
         metavar="N_S,SECONDS",
-        help="impulse and duration of the recorded strikes, which are deconvolved",
+        help="impulse (N s) and duration (s) of the recorded strikes, which are deconvolved",
     )
     parser.add_argument(
         "--onsets",

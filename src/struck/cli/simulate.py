@@ -90,7 +90,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
     engine.add_argument(
         "--convex",
         default="parts",
-        help="collision shape of concave meshes: convex parts (default) or hull",
+        help="collision shape of concave meshes: parts (default) or hull, both convex",
     )
     add_listener(parser)
     add_room(parser)
