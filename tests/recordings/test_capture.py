@@ -368,7 +368,7 @@ BAD_PLANS = {
     "long": ("seconds = 599\ncontacts = [[1.0]]", "602.5 s together: at most 600 s"),
     "twice": ("seconds = 1\ncontacts = [[1.0], [1.0]]", r"the contact \(1.0,\) occurs twice"),
     "three": ("seconds = 1\ncontacts = [[1.0, 2, 3]]", "a list of 1 or 2 finite numbers"),
-    "mixed": ("seconds = 1\ncontacts = [[1.0, 2], [3.0]]", "give all alike"),
+    "mixed": ("seconds = 1\ncontacts = [[1.0, 2], [3.0]]", "give all as many"),
     "coordinates": (
         "seconds = 1\ncoordinates = ['height', 'u']\ncontacts = [[0.5], [1.0]]",
         r"names 2, height, u, and each contact has 1 number: name one for each number",

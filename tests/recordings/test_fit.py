@@ -448,7 +448,7 @@ def test_a_manifest_tells_the_places(tmp_path: Path) -> None:
     (tmp_path / "stray.wav").write_bytes(files[0].read_bytes())
     with pytest.raises(RecordingError, match=r"no entry in .*stray\.wav"):
         fit_recordings([*files, tmp_path / "stray.wav"], manifest=manifest, cache=False)
-    with pytest.raises(OptionError, match="tells them too"):
+    with pytest.raises(OptionError, match="has them too"):
         fit_recordings(manifest, contacts=[0.1], cache=False)
 
 

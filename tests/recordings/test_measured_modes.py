@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from struck.model.exponentials import Exponentials
 from struck.recordings.fit import fit_recordings
-from struck.recordings.gain_control import UNKNOWN, gain_control
+from struck.recordings.gain_control import MAX_DECAY_ERROR, gain_control
 from struck.recordings.onsets import find_hits
 from struck.recordings.poles.refinement import refine, with_best_gains
-from struck.recordings.poles.search import Fitted, fit_poles
+from struck.recordings.poles.search import PoleFit, fit_poles
 from struck.recordings.takes import Take
 from tests.recordings.scenes import (
     CLEAR,
@@ -47,24 +47,24 @@ def take_of(heard: Scene) -> Take:
     return Take(samples=heard.samples, sample_rate=RATE)
 
 
-def measured(heard: Scene) -> Fitted:
+def measured(heard: Scene) -> PoleFit:
     begun = time.thread_time()
     fit = fit_poles(take_of(heard), budget=None)
     assert time.thread_time() - begun < WORST * heard.samples.shape[1] / RATE
     return fit
 
 
-def modes_of(heard: Scene, fit: Fitted) -> tuple[Array, Array]:
+def modes_of(heard: Scene, fit: PoleFit) -> tuple[Array, Array]:
     """Return poles (M,) with the true gains: rooms, coders and gain control change these."""
     nearest = np.abs(fit.frequencies[:, None] - heard.truth.frequencies).argmin(axis=1)
     return -fit.decays + 2j * np.pi * fit.frequencies, heard.truth.gains[:, nearest]
 
 
-def scored(heard: Scene, fit: Fitted) -> Score:
+def scored(heard: Scene, fit: PoleFit) -> Score:
     return score(heard.truth, *modes_of(heard, fit))
 
 
-def matches(heard: Scene, fit: Fitted) -> tuple[NDArray[np.intp], ...]:
+def matches(heard: Scene, fit: PoleFit) -> tuple[NDArray[np.intp], ...]:
     """Return which true modes are found, and which fitted ones they are."""
     return paired(heard.truth, *modes_of(heard, fit))
 
@@ -107,7 +107,7 @@ def test_a_room_that_is_told_makes_fewer(distance: float, seed: int) -> None:
     found = scored(heard, made.fitted)
     assert found.false <= 20
     assert found.decay < 0.05
-    assert any("left out of the model as its own" in each for each in made.fitted.notes)
+    assert any("left out of the model as modes of the room" in each for each in made.fitted.notes)
     assert found.found >= 0.9
 
 
@@ -175,7 +175,7 @@ def phone(seed: int) -> Scene:
 
 
 @cache
-def under_control(seed: int) -> tuple[Scene, Fitted]:
+def under_control(seed: int) -> tuple[Scene, PoleFit]:
     heard = phone(seed)
     return heard, fit_poles(take_of(heard), budget=None)
 
@@ -213,7 +213,7 @@ def test_modes_are_found_under_automatic_gain(seed: int) -> None:
     assert not fit.verdict.modal or scored(heard, fit).found >= 0.9
 
 
-def covered(heard: Scene, fit: Fitted) -> float:
+def covered(heard: Scene, fit: PoleFit) -> float:
     """Return the share of true decays within two standard errors."""
     rows, columns = matches(heard, fit)
     off = np.abs(fit.decays[columns] - heard.truth.decays[rows])
@@ -226,8 +226,9 @@ def test_gain_that_the_noise_hardly_tells_is_refused() -> None:
     short = Scene(samples=heard.samples[:, : LEAD + RATE * 3 // 10], truth=heard.truth)
     fit = fit_poles(take_of(short), budget=32)
     assert not fit.verdict.modal
-    assert "its gain was controlled automatically, and the noise tells decays" in fit.verdict.reason
-    assert np.median((fit.decay_errors / fit.decays)[~fit.blow]) > UNKNOWN
+    reason = fit.verdict.reason
+    assert "its gain was controlled automatically, and the noise determines decays" in reason
+    assert np.median((fit.decay_errors / fit.decays)[~fit.blow]) > MAX_DECAY_ERROR
 
 
 @SEEDS

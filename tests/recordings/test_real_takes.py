@@ -21,7 +21,7 @@ from scipy.stats import binom
 
 from struck.model.exponentials import best_gains, samples
 from struck.recordings.corbett2007 import fit_corbett2007
-from struck.recordings.poles.search import Fitted, fit_poles
+from struck.recordings.poles.search import PoleFit, fit_poles
 from struck.recordings.takes import Take, left_out
 
 Array = NDArray[np.float64]
@@ -84,29 +84,29 @@ def load(name: str) -> Take:
 
 
 @cache
-def fitted(name: str) -> tuple[Take, Fitted, float]:
+def fitted(name: str) -> tuple[Take, PoleFit, float]:
     """Return a take, its fit and the seconds of work for a second of sound."""
     take, begun = load(name), time.process_time()
     fit = fit_poles(take, budget=BUDGET)
     return take, fit, (time.process_time() - begun) / take.duration
 
 
-def hits(take: Take, fit: Fitted) -> Iterator[tuple[Array, Array]]:
+def hits(take: Take, fit: PoleFit) -> Iterator[tuple[Array, Array]]:
     """Yield of each hit the samples (C, n) from its onset on, and what the modes leave of them."""
     for _, rows in groupby(range(len(fit.rows)), lambda row: fit.rows[row].hit):
         pairs = [_row(take, fit, row) for row in rows]
         yield np.array([sound for sound, _ in pairs]), np.array([left for _, left in pairs])
 
 
-def _row(take: Take, fit: Fitted, row: int) -> tuple[Array, Array]:
+def _row(take: Take, fit: PoleFit, row: int) -> tuple[Array, Array]:
     what = fit.rows[row]
     onset, start = (round(each * take.sample_rate) for each in (what.onset, what.time))
     attack = take.samples[what.channel, onset:start]
-    sound, model = fit.heard_in(row)
+    sound, model = fit.samples_and_model(row)
     return np.concatenate((attack, sound)), np.concatenate((attack, sound - model))
 
 
-def by_corbett2007(take: Take, fit: Fitted) -> tuple[int, float]:
+def by_corbett2007(take: Take, fit: PoleFit) -> tuple[int, float]:
     """Return how many modes the method of 2007 finds, and its score with gains solved anew."""
     sounds = [sound for sound, _ in hits(take, fit)]
     before = lead_in(take, fit)
@@ -120,7 +120,7 @@ def by_corbett2007(take: Take, fit: Fitted) -> tuple[int, float]:
     return len(poles), ratio(sounds, left)
 
 
-def lead_in(take: Take, fit: Fitted) -> Array:
+def lead_in(take: Take, fit: PoleFit) -> Array:
     """Return what is heard before the first hit; of a trimmed take its last tenth, as noise."""
     heard = take.samples[~left_out(take)]
     before = heard[:, : round(fit.rows[0].onset * take.sample_rate)]
@@ -188,7 +188,7 @@ def test_ten_real_takes_are_explained_to_23_decibels_and_a_half(record_property:
     assert mean >= 23.5
 
 
-def strongest(fit: Fitted) -> NDArray[np.int64]:
+def strongest(fit: PoleFit) -> NDArray[np.int64]:
     """Return the five modes of most energy, of the object's that ring for ten periods or more."""
     energies = (np.abs(fit.gains) ** 2).sum(axis=0) / (4 * fit.decays)
     energies[(10 * fit.decays > fit.frequencies) | fit.blow | fit.vague] = 0

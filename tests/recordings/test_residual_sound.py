@@ -121,7 +121,7 @@ def test_real_takes_are_as_loud_in_every_band(
     made = fit_recordings(take, modes=64, residual=True, force=True, cache=False)
     row = loudest(made.fitted)
     what, rate = made.fitted.rows[row], take.sample_rate
-    segment, _ = made.fitted.heard_in(row)
+    segment, _ = made.fitted.samples_and_model(row)
     first = round(what.onset * rate)
     original = take.samples[what.channel, first : round(what.time * rate) + len(segment)]
     rendered, rest = np.zeros(len(original)), made.residual.samples(rate)[: len(original)]

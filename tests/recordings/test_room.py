@@ -60,7 +60,8 @@ def test_an_object_in_a_room_keeps_its_slow_modes(level: float) -> None:
     # The crowd is left out of the model: what stays of the room are one or two modes of many.
     assert np.count_nonzero(~made.room[others]) <= 1
     assert len(others) <= 5
-    assert any("left out of the model as its own" in note for note in made.model.provenance.dropped)
+    dropped = made.model.provenance.dropped
+    assert any("left out of the model as modes of the room" in note for note in dropped)
     assert any("as fast as the room" in note for note in made.model.provenance.dropped)
     assert "perhaps" in report(made)
 

@@ -1,9 +1,9 @@
 """Delay lines: the sound of bodies, read again when it arrives at an ear.
 
-A line keeps the sound of one body at 1 m. A path reads it as late as the way to an ear takes,
-between samples too, as loudly as the distance leaves it, and convolves that with the ear's
-response. Delays and gains follow a parabola within a stretch of time, so that motion is heard as
-it is, with its Doppler shift; responses fade from those of its begin to those of its end.
+A line stores the sound of one body at 1 m. A path reads it, delayed by the time that sound takes to
+an ear, interpolated between samples and scaled by the gain of the distance, and convolves it with
+the ear's response. Delays and gains follow a parabola within a stretch of time, which gives moving
+bodies their Doppler shift; responses fade from those of its start to those of its end.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ def between() -> Single:
     """
     shares = np.arange(_FINE + 1)[:, None] / _FINE
     places = np.arange(READ) - (READ // 2 - 1) - shares
-    inside = np.sqrt(np.clip(1 - (places / (READ / 2)) ** 2, 0, None))
-    weights = np.sinc(places) * np.i0(_STEEPNESS * inside) / np.i0(_STEEPNESS)
+    roots = np.sqrt(np.clip(1 - (places / (READ / 2)) ** 2, 0, None))
+    weights = np.sinc(places) * np.i0(_STEEPNESS * roots) / np.i0(_STEEPNESS)
     return (weights / weights.sum(axis=1, keepdims=True)).astype(np.float32)
 
 
@@ -58,8 +58,8 @@ class DelayLines:
     def __init__(self, *, lines: int, paths: int, block: int, longest: float, taps: int) -> None:
         self.block, self._now = block, 0
         self._lines = np.zeros((lines, 2 * self._length(longest)), np.float32)
-        padded = -(-taps // _GROUP) * _GROUP
-        self._history = np.zeros((paths, padded - 1 + block), np.float32)
+        padded_taps = -(-taps // _GROUP) * _GROUP
+        self._history = np.zeros((paths, padded_taps - 1 + block), np.float32)
 
     @property
     def longest(self) -> int:
@@ -72,8 +72,8 @@ class DelayLines:
     def lengthen(self, longest: float) -> None:
         """Make room in the delay lines for longer delays.
 
-        What was written longer ago than could be read is lost: a way that grows at less than the
-        speed of sound never asks for it.
+        Samples older than the present longest delay are lost: a path that grows at less than the
+        speed of sound never reads them.
         """
         if longest <= self.longest:
             return
@@ -94,14 +94,14 @@ class DelayLines:
         start, copies = self._now % half, self._lines.reshape(-1, 2, half)
         copies[:, :, start : start + count] = samples[:, None, : half - start]
         copies[:, :, : max(0, start + count - half)] = samples[:, None, half - start :]
-        heard = np.zeros((ears, count), np.float32)
+        output = np.zeros((ears, count), np.float32)
         hear(
             *(self._lines, self._now, between(), paths.lines, paths.ears, paths.delays),
             *(paths.gains, self._padded(paths.before), self._padded(paths.after)),
-            *(since, paths.stretch, self._history, heard),
+            *(since, paths.stretch, self._history, output),
         )
         self._now += count
-        return heard.astype(np.float64)
+        return output.astype(np.float64)
 
     def _padded(self, responses: Single) -> Single:
         taps = self._history.shape[1] - self.block + 1
@@ -112,8 +112,8 @@ class DelayLines:
 
 def hear(
     lines: Single,
-    now: int,
-    between: Single,
+    block_start: int,
+    kernel: Single,
     line_of: Index,
     ear_of: Index,
     delays: Array,
@@ -123,7 +123,7 @@ def hear(
     since: int,
     stretch: int,
     history: Single,
-    heard: Single,
+    output: Single,
 ) -> None:
     """Read all delay lines and add the sound of each path at the ears.
 
@@ -131,38 +131,50 @@ def hear(
     ----------
     lines : array (L, 2 H)
         Each line twice, one after the other; sample n stands at n modulo H. H is a power of two.
-    now : int
+    block_start : int
         Number of the block's first sample.
-    between : array (S + 1, READ)
-        As the function `between` returns it.
-    line_of, ear_of, delays, gains, before, after
-        As in `Paths`; responses of a multiple of four taps.
-    since, stretch : int
-        Samples of the stretch that are over, and of all of it.
+    kernel : array (S + 1, READ)
+        Interpolation weights, as the function `between` returns them.
+    line_of : array (P,)
+        Line that each path reads.
+    ear_of : array (P,)
+        Ear that each path is added to.
+    delays : array (P, 3)
+        As in `Paths`, samples.
+    gains : array (P, 3)
+        As in `Paths`.
+    before : array (P, taps), float32
+        Responses at the start of the stretch, of a multiple of four taps.
+    after : array (P, taps), float32
+        Responses at the end of the stretch.
+    since : int
+        Samples of the stretch that are over.
+    stretch : int
+        Length of the stretch, samples.
     history : array (P, taps - 1 + block or more)
-        What was read in the blocks before.
-    heard : array (ears, block)
-        Added to.
+        Samples read in the earlier blocks.
+    output : array (ears, block)
+        The sound of the paths is added to it.
     """
-    compiled = entry("ears_hear")
-    if compiled is None:
-        plain = lines, now, between, line_of, ear_of, delays, gains, before, after
-        hear_plainly(*plain, since, stretch, history, heard)
+    loop = entry("ears_hear")
+    if loop is None:
+        plain = lines, block_start, kernel, line_of, ear_of, delays, gains, before, after
+        hear_plainly(*plain, since, stretch, history, output)
         return
-    if history.shape[1] < before.shape[1] - 1 + heard.shape[1]:
-        raise OptionError(f"{heard.shape[1]} samples at a time are more than there is room for")
-    compiled(
-        *(lines, lines.shape[1] // 2, now, between, len(between) - 1),
+    if history.shape[1] < before.shape[1] - 1 + output.shape[1]:
+        raise OptionError(f"{output.shape[1]} samples at a time are more than there is room for")
+    loop(
+        *(lines, lines.shape[1] // 2, block_start, kernel, len(kernel) - 1),
         *(len(line_of), line_of, ear_of, delays, gains),
-        *(before.shape[1], before, after, since, stretch, heard.shape[1]),
-        *(history, history.shape[1], heard),
+        *(before.shape[1], before, after, since, stretch, output.shape[1]),
+        *(history, history.shape[1], output),
     )
 
 
 def hear_plainly(
     lines: Single,
-    now: int,
-    between: Single,
+    block_start: int,
+    kernel: Single,
     line_of: Index,
     ear_of: Index,
     delays: Array,
@@ -172,31 +184,32 @@ def hear_plainly(
     since: int,
     stretch: int,
     history: Single,
-    heard: Single,
+    output: Single,
 ) -> None:
     """Read all paths and add their sound at the ears as `hear` does, in plain NumPy."""
-    block, taps = heard.shape[1], before.shape[1]
+    block, taps = output.shape[1], before.shape[1]
     u = np.arange(since + 1, since + block + 1) / stretch
     parabola = np.stack([(1 - u) * (1 - 2 * u), 4 * u * (1 - u), u * (2 * u - 1)])
     for path, (line, ear) in enumerate(zip(line_of, ear_of, strict=True)):
         room = history[path]
-        places = now + np.arange(block) - delays[path] @ parabola
+        places = block_start + np.arange(block) - delays[path] @ parabola
         room[taps - 1 : taps - 1 + block] = (gains[path] @ parabola) * _read(
-            lines[line], between, places
+            lines[line], kernel, places
         )
         first, last = (
-            np.convolve(room[: taps - 1 + block], each[path], "valid") for each in (before, after)
+            np.convolve(room[: taps - 1 + block], responses[path], "valid")
+            for responses in (before, after)
         )
-        heard[ear] += first + u * (last - first)
+        output[ear] += first + u * (last - first)
         room[: taps - 1] = room[block : block + taps - 1].copy()
 
 
-def _read(line: Single, between: Single, places: Array) -> Array:
-    half, width = len(line) // 2, between.shape[1]
-    whole = np.floor(places)
-    rows = (places - whole) * (len(between) - 1)
-    low = np.minimum(rows.astype(int), len(between) - 2)
-    share = (rows - low)[:, None]
-    weights = (1 - share) * between[low] + share * between[low + 1]
-    numbers = whole.astype(int)[:, None] - (width // 2 - 1) + np.arange(width)
+def _read(line: Single, kernel: Single, places: Array) -> Array:
+    half, width = len(line) // 2, kernel.shape[1]
+    floors = np.floor(places)
+    rows = (places - floors) * (len(kernel) - 1)
+    low = np.minimum(rows.astype(int), len(kernel) - 2)
+    fractions = (rows - low)[:, None]
+    weights = (1 - fractions) * kernel[low] + fractions * kernel[low + 1]
+    numbers = floors.astype(int)[:, None] - (width // 2 - 1) + np.arange(width)
     return (weights * line[numbers % half]).sum(axis=1)

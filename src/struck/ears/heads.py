@@ -84,7 +84,7 @@ LEAD = 12  # samples ahead of the wave front
 LASTING = 1.5e-3  # s, of a response for a mean head: nearly a turn of sound around it
 SPECTRUM = 15e-3  # s, length of the whole inverse transform, of which a response is cut out
 PASS = 0.4  # share of the sample rate above which responses fade out
-KEPT = 0.999  # least share of a response's energy within its taps
+MIN_ENERGY_FRACTION = 0.999  # of a response's energy that is within its taps, at least
 DECAYS = 9  # time constants that the shadow filter's response lasts
 
 # Catmull & Rom 1974: the weights of four neighbours are cubics (rows: powers 0 to 3).
@@ -209,10 +209,10 @@ class TabulatedFilters:
         positions = self._positions(directions, distances)
         cells = positions.astype(np.intp)
         weights = (positions - cells)[..., None] ** POWERS @ CATMULL_ROM
-        both = weights[:, 2:, :, None] * weights[:, :2, None, :]
+        node_weights = weights[:, 2:, :, None] * weights[:, :2, None, :]
         rows = cells[:, 2:] * (STEPS + 4) + cells[:, :2]
-        near = self.table.take(rows[..., None] + NEIGHBOURS, axis=0)
-        mixed = (both.reshape(-1, 2, 1, 16) @ near)[:, :, 0]
+        node_values = self.table.take(rows[..., None] + NEIGHBOURS, axis=0)
+        mixed = (node_weights.reshape(-1, 2, 1, 16) @ node_values)[:, :, 0]
         return mixed[..., 0], mixed[..., 1:].astype(np.float32)
 
     def _positions(self, directions: Array, distances: Array) -> Array:
@@ -221,8 +221,8 @@ class TabulatedFilters:
         cosines = np.maximum(np.minimum(directions @ self.ears, 1), -1)
         positions[:, :2] = np.arccos(cosines) * (STEPS / np.pi) + 1
         height = np.maximum(distances / self.radius, NEAR) - 1
-        along = np.log(height / (NEAR - 1)) / KNOT_STEP
-        positions[:, 2] = np.minimum(along, KNOTS - 4) + 1
+        knot_positions = np.log(height / (NEAR - 1)) / KNOT_STEP
+        positions[:, 2] = np.minimum(knot_positions, KNOTS - 4) + 1
         return positions
 
 
@@ -263,17 +263,18 @@ def _sphere_table(radius: float, sample_rate: float, distance: float) -> Array:
 def _cut(responses: Array, radius: float, sample_rate: float) -> Array:
     """Return the responses' first taps, with eased ends."""
     taps = 2 * LEAD + math.ceil(LASTING * radius / HEAD_RADIUS * sample_rate)
-    ease = 0.5 - 0.5 * np.cos(np.pi * (np.arange(LEAD // 2) + 0.5) / (LEAD // 2))
-    kept = responses[:, :taps].copy()
-    kept[:, : LEAD // 2] *= ease
-    kept[:, -LEAD // 2 :] *= ease[::-1]
-    share = np.min(np.sum(kept**2, axis=1) / np.sum(responses**2, axis=1))
-    if not share >= KEPT:
+    ramp = 0.5 - 0.5 * np.cos(np.pi * (np.arange(LEAD // 2) + 0.5) / (LEAD // 2))
+    first_taps = responses[:, :taps].copy()
+    first_taps[:, : LEAD // 2] *= ramp
+    first_taps[:, -LEAD // 2 :] *= ramp[::-1]
+    energy_fraction = np.min(np.sum(first_taps**2, axis=1) / np.sum(responses**2, axis=1))
+    if not energy_fraction >= MIN_ENERGY_FRACTION:
         raise SolverError(
-            f"{taps} taps hold {share:.4f} of a response's energy, less than {KEPT}, at "
-            f"{sample_rate:g} Hz for a radius of {radius:g} m; choose a higher sample rate"
+            f"{taps} taps hold {energy_fraction:.4f} of a response's energy, less than "
+            f"{MIN_ENERGY_FRACTION}, at {sample_rate:g} Hz for a radius of {radius:g} m; "
+            "choose a higher sample rate"
         )
-    return kept
+    return first_taps
 
 
 def _rounded_arrival(radius: float, distance: float) -> Array:
@@ -283,9 +284,11 @@ def _rounded_arrival(radius: float, distance: float) -> Array:
     delay that is smooth as well. What the delay lacks is in the responses.
     """
     edge = math.acos(nearness(distance, radius))
-    opposite = np.pi - ANGLES
-    rounded = np.hypot(opposite, ROUNDING) - np.hypot(np.pi - edge, ROUNDING) + np.pi - edge
-    return arrival_delay(np.where(edge <= ANGLES, np.pi - rounded, ANGLES), distance, radius)
+    opposite_angles = np.pi - ANGLES
+    rounded_angles = (
+        np.hypot(opposite_angles, ROUNDING) - np.hypot(np.pi - edge, ROUNDING) + np.pi - edge
+    )
+    return arrival_delay(np.where(edge <= ANGLES, np.pi - rounded_angles, ANGLES), distance, radius)
 
 
 def fading(frequencies: Array, first: float, last: float) -> Array:
@@ -312,11 +315,11 @@ def _shadow(radius: float, sample_rate: float) -> Array:
     (1 + alpha i omega tau) / (1 + i omega tau) with tau = a / 2 c is alpha at once plus
     (1 - alpha) of a low-pass of one pole, which is put into samples by the bilinear transform.
     """
-    lowest, darkest = 0.1, np.radians(150)
-    alpha = 1 + lowest / 2 + (1 - lowest / 2) * np.cos(np.pi * ANGLES / darkest)
+    min_alpha, darkest_angle = 0.1, np.radians(150)
+    alpha = 1 + min_alpha / 2 + (1 - min_alpha / 2) * np.cos(np.pi * ANGLES / darkest_angle)
     tau = radius / (2 * AIR.sound_speed)
-    scaled = 2 * sample_rate * tau
-    pole = (scaled - 1) / (scaled + 1)
+    time_constant = 2 * sample_rate * tau
+    pole = (time_constant - 1) / (time_constant + 1)
     decay = (1 + pole) * pole ** np.arange(math.ceil(DECAYS * tau * sample_rate) + 8)
     low_pass = np.insert(decay, 0, 1)
     responses = np.outer(1 - alpha, low_pass / np.sum(low_pass))
@@ -326,5 +329,5 @@ def _shadow(radius: float, sample_rate: float) -> Array:
 
 def _ears(ear_angle: float) -> Array:
     """Return the directions of the left and the right ear, in columns."""
-    along, aside = math.cos(math.radians(ear_angle)), math.sin(math.radians(ear_angle))
-    return np.array([[along, along], [aside, -aside], [0.0, 0.0]])
+    cosine, sine = math.cos(math.radians(ear_angle)), math.sin(math.radians(ear_angle))
+    return np.array([[cosine, cosine], [sine, -sine], [0.0, 0.0]])

@@ -16,7 +16,7 @@ from struck.model.arrays import Array, checked, require_sample_rate
 
 @checked
 class Hearing:
-    """The ears of a listener among bodies: all that remembers sound on its way.
+    """The ears of a listener among bodies, with the memory of the sound under way.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ class Hearing:
     sample_rate : float
         Hz.
     room : Room or None
-        Whose walls reflect.
+        Room whose walls reflect the sound.
     brief : bool
         Whether measured heads are cut short, as for playing live.
 
@@ -37,9 +37,9 @@ class Hearing:
     Raises
     ------
     ContactError
-        Where the listener is inside a body.
+        If the listener is inside a body.
     OptionError
-        On directions or distances that cannot be.
+        If a direction or a distance is impossible.
 
     Notes
     -----
@@ -94,19 +94,19 @@ class Hearing:
         Parameters
         ----------
         samples : array (lines, n)
-            What bodies sound like at 1 m; with a timbre field, at each ear but for the travel time.
+            Sound of bodies at 1 m; with a timbre field, at each ear without the travel time.
         """
-        heard, done = [], 0
-        while done < samples.shape[1]:
+        blocks, position = [], 0
+        while position < samples.shape[1]:
             if self._since == STRETCH:
                 self._go_on()
-            count = min(samples.shape[1] - done, STRETCH - self._since)
-            part = samples[:, done : done + count]
+            count = min(samples.shape[1] - position, STRETCH - self._since)
+            part = samples[:, position : position + count]
             paths, ears = self.propagation.paths, self.propagation.ears
-            heard.append(self._lines.next_block(part, paths, ears, since=self._since))
+            blocks.append(self._lines.next_block(part, paths, ears, since=self._since))
             self._since += count
-            done += count
-        return np.concatenate(heard, axis=1)
+            position += count
+        return np.concatenate(blocks, axis=1)
 
     def _go_on(self) -> None:
         self._since = 0

@@ -34,11 +34,13 @@ class Trajectory:
     Parameters
     ----------
     name : str
-        What it is, for errors.
-    times, points : array (T,), (T, 3)
-        Of a table, s; a point that does not move has one.
+        Name in error messages.
+    times : array (T,)
+        Times of a table, s; one for a point that does not move.
+    points : array (T, 3)
+        Values at these times.
     function : callable or None
-        In place of a table.
+        Function of the time in s that is used instead of a table. Default: None.
     """
 
     __repr__ = brief
@@ -75,26 +77,28 @@ class Trajectory:
     def at(self, times: Array) -> Array:
         """Return the values at some times, s (n,): (n, 3).
 
-        What is heard at first was sent before 0 s; until then all is held as at 0 s.
+        Sound that arrives first was sent before 0 s; the value at 0 s holds until then.
         """
         if self.function is not None:
-            found = [self.function(max(time, 0.0)) for time in times.tolist()]
-            return _points(self.name, found, (len(times), 3))
+            points = [self.function(max(time, 0.0)) for time in times.tolist()]
+            return _points(self.name, points, (len(times), 3))
         if len(self.times) == 1:
             return np.broadcast_to(self.points[0], (len(times), 3))
-        after = np.clip(np.searchsorted(self.times, times), 1, len(self.times) - 1)
-        begin = self.times[after - 1]
-        share = np.clip((times - begin) / (self.times[after] - begin), 0, 1)[:, None]
-        return (1 - share) * self.points[after - 1] + share * self.points[after]
+        next_rows = np.clip(np.searchsorted(self.times, times), 1, len(self.times) - 1)
+        start_times = self.times[next_rows - 1]
+        fractions = np.clip((times - start_times) / (self.times[next_rows] - start_times), 0, 1)[
+            :, None
+        ]
+        return (1 - fractions) * self.points[next_rows - 1] + fractions * self.points[next_rows]
 
 
 def ascending(name: str, times: ArrayLike) -> Array:
     """Return the times of a table, s (T,); OptionError where they do not ascend."""
     moments = np.atleast_1d(np.asarray(times, np.float64))
-    ascend = moments.ndim == 1 and np.isfinite(moments).all() and (np.diff(moments) > 0).all()
-    if not (len(moments) and ascend):
-        told = " ".join(str(times).split())
-        raise OptionError(f"{name} has times {told:.60}: they must be finite and ascend, in s")
+    is_ascending = moments.ndim == 1 and np.isfinite(moments).all() and (np.diff(moments) > 0).all()
+    if not (len(moments) and is_ascending):
+        text = " ".join(str(times).split())
+        raise OptionError(f"{name} has times {text:.60}: they must be finite and ascend, in s")
     return moments
 
 
@@ -109,7 +113,7 @@ def _points(name: str, values: object, shape: tuple[int, ...]) -> Array:
         points = points.astype(np.float64, casting="same_kind")
     except (TypeError, ValueError) as error:
         raise OptionError(f"{name} is {values!r}: give (x, y, z), or (times, points)") from error
-    # A sum that is finite tells the same of nearly all points in less time.
+    # If the sum is finite, so are all points; it takes less time than the test of all.
     if points.shape != shape or not (math.isfinite(points.sum()) or np.isfinite(points).all()):
         raise OptionError(
             f"{name} is {values!r}: give finite numbers of shape {shape}, or (times, points), or a "
@@ -123,7 +127,7 @@ class Listener(Protocol):
 
     @property
     def position(self) -> Course3 | None:
-        """Of the head's centre, m; None: as for a bare position of `render`."""
+        """Position of the head's centre, m; None: as for a bare position of `render`."""
         ...
 
     @property
@@ -143,7 +147,7 @@ class Listener(Protocol):
 
     @property
     def field(self) -> str | None:
-        """How a timbre field is heard, "head" or "ears"; None: as it was made."""
+        """Where timbre fields are evaluated, "head" or "ears"; None: as each field was made."""
         ...
 
     def filters(self, sample_rate: float, *, brief: bool = False) -> Filters:
@@ -342,10 +346,10 @@ def axes(facing: Array, up: Array) -> Array:
     Raises OptionError where `facing` lies along `up`.
     """
     forward = _normal("facing", facing)
-    across = _across(_normal("up", up), forward)
-    if np.abs(across).max(axis=1).min() < 1e-9:
+    lateral_axes = _across(_normal("up", up), forward)
+    if np.abs(lateral_axes).max(axis=1).min() < 1e-9:
         raise OptionError("facing lies along up, z by default: tilt one of them a little")
-    left = _normal("left", across)
+    left = _normal("left", lateral_axes)
     return np.stack([forward, left, _across(forward, left)], axis=1)
 
 
@@ -383,9 +387,11 @@ def _require_course(**courses: Course3 | None) -> None:
 def _require_head(listener: Stereo | Binaural) -> None:
     _require_course(position=listener.position)
     courses = {"facing": listener.facing, "up": listener.up}
-    ways = [Trajectory.of(name, each) for name, each in courses.items() if each is not None]
-    if len(ways) == 2 and all(each.function is None for each in ways):
-        axes(*(each.at(np.zeros(1)) for each in ways))
+    directions = [
+        Trajectory.of(name, course) for name, course in courses.items() if course is not None
+    ]
+    if len(directions) == 2 and all(direction.function is None for direction in directions):
+        axes(*(direction.at(np.zeros(1)) for direction in directions))
     if not 0 < listener.radius <= _LARGEST_HEAD:
         raise OptionError(
             f"radius is {listener.radius} m: a head's lies above 0 and at most at 0.5"

@@ -44,7 +44,7 @@ class HrtfSet:
     directions: Array  # (M, 3): unit vectors from the head's centre, in the head's frame
     distance: float  # m, of the sources from the head's centre
     responses: Array  # (M, 2, N): left ear first, at any level that all share
-    delays: Array  # (M, 2), s, of the responses, but for a time that all share
+    delays: Array  # (M, 2), s, of the responses, less a time that all share
     sample_rate: float  # Hz
     references: tuple[str, ...] = ()  # keys in references.toml
     source: str = ""  # origin and terms, as the file says
@@ -52,7 +52,7 @@ class HrtfSet:
 
 
 def require_set(name: str) -> None:
-    """Refuse all but a set that comes with struck, and a file that is there."""
+    """Raise an error unless a name is a set that comes with struck or an existing file."""
     if not is_file(name) and Path(name).suffix.lower() == ".sofa":
         raise FileFormatError(f"{name} {unread(name, FileNotFoundError())}")
     if not is_file(name):
@@ -90,20 +90,21 @@ def directions_of(azimuths: Array, elevations: Array) -> Array:
 
 # Alignment of measured responses: onsets, delays, level and directions between.
 
-LEAD = 8 / 48000  # s, kept ahead of an onset: what a limited band rings before it
+LEAD = 8 / 48000  # s, before an onset: the ringing of a limited band precedes it
 LASTING = 448 / 48000  # s, length of a response with its lead: all that KEMAR has
 BRIEF = 256 / 48000  # s, length of a response for live use; deep notches at 8 kHz need all of it
 ONSET = 0.1  # share of a response's peak: the first sample above it is the onset
 EARS = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
-_FINER = 8  # onsets are sought between samples
-_AT_ONCE = 2**21  # values, to bound the memory that long responses take
+_OVERSAMPLING = 8  # onsets are found between samples
+_MAX_VALUES = 2**21  # values, to bound the memory that long responses take
 _FADE_IN, _FADE_OUT = 0.5, 0.0625  # of the lead, of the whole
 _PASS = 0.9  # of the band that both sample rates hold: above, responses fade out
 _LEVEL_BAND = np.linspace(200, 500, 7)  # Hz, where heads are spheres and loudspeakers work
 _LEVELS, _PHASES = (150.0, 300.0), (300.0, 1500.0)  # Hz, from the sphere's to the set's own
-_LOW = np.linspace(0, 1500, 121)  # Hz, where responses are completed
-_KEPT = np.linspace(1525, 5000, 140)  # Hz, where they stay as they were measured
-_LEAST, _MOST = 0.35, 3.5  # logarithms of factors: losses of 3 dB count, and 30 dB are made up for
+_LOW_FREQUENCIES = np.linspace(0, 1500, 121)  # Hz, where responses are completed
+_UNCHANGED_FREQUENCIES = np.linspace(1525, 5000, 140)  # Hz, where they are not changed
+_MIN_LOSS = 0.35  # logarithm of a factor: losses of 3 dB count
+_MAX_LOSS = 3.5  # the same: up to 30 dB are compensated
 _KNOTS = 0.25e-3  # s, between those of the splines that are added
 _DEGREES, _SMOOTHNESS = 80, 2.5
 
@@ -123,7 +124,7 @@ def aligned(
 ) -> Aligned:
     """Align the responses of a set, bring them to a sample rate and to the free field's level.
 
-    Where a set has more directions than there are nodes (W, 3), those nearest to nodes are kept.
+    If a set has more directions than there are nodes (W, 3), those nearest to nodes are used.
 
     The time that both ears share is arbitrary in most sets, and in some from one elevation to the
     next (by 0.2 ms in KEMAR's): it is set such that sound comes to the nearer ear as on a rigid
@@ -133,21 +134,27 @@ def aligned(
     """
     chosen = _chosen(measured.directions, nodes)
     directions, responses = measured.directions[chosen], measured.responses[chosen]
-    parts = np.array_split(responses, math.ceil(responses.size / _AT_ONCE))
+    parts = np.array_split(responses, math.ceil(responses.size / _MAX_VALUES))
     onsets = np.concatenate([_onsets(part) for part in parts]) / measured.sample_rate
     gain = _gain(directions, responses, measured)
-    late = onsets + measured.delays[chosen]
-    excess = late - arrival_delay(_angles(directions), measured.distance)
-    nearer = (1 + directions @ EARS.T) / 2  # both add up to one, so no ear takes over at once
-    shared = np.sum(excess * nearer, axis=1, keepdims=True)
+    arrival_times = onsets + measured.delays[chosen]
+    excess_times = arrival_times - arrival_delay(_angles(directions), measured.distance)
+    ear_weights = (1 + directions @ EARS.T) / 2  # both add up to one, so no ear takes over at once
+    shared = np.sum(excess_times * ear_weights, axis=1, keepdims=True)
     starts = np.array_split(onsets - LEAD, len(parts))
-    how = measured.sample_rate, sample_rate, lasting
-    sampled = [_sampled(part, start, *how) for part, start in zip(parts, starts, strict=True)]
-    delays, found = late - shared - LEAD, gain * np.concatenate(sampled)
+    settings = measured.sample_rate, sample_rate, lasting
+    resampled_parts = [
+        _sampled(part, start, *settings) for part, start in zip(parts, starts, strict=True)
+    ]
+    delays, resampled_responses = (
+        arrival_times - shared - LEAD,
+        gain * np.concatenate(resampled_parts),
+    )
     return Aligned(
         directions=directions,
         delays=delays,
-        responses=found + _low_sound(found, delays, directions, measured.distance, sample_rate),
+        responses=resampled_responses
+        + _low_sound(resampled_responses, delays, directions, measured.distance, sample_rate),
         gain=gain,
     )
 
@@ -169,23 +176,32 @@ def _low_sound(
     loses less than 3 dB keeps its own.
     """
     angles, taps = _angles(directions), responses.shape[-1]
-    there = pressure(_LOW, angles.ravel(), distance).T.reshape(*angles.shape, -1)
-    there *= np.exp(2j * np.pi * delays[..., np.newaxis] * _LOW)
-    here = _spectra(responses, sample_rate, _LOW)
-    powers = (np.square(np.abs(each)).mean(axis=(0, 1)) for each in (there, here))
-    sphere, own = (np.maximum(each, np.finfo(float).tiny) for each in powers)
-    levels = np.clip(0.5 * np.log(sphere / own), -_MOST, _MOST)
-    if levels.max() < _LEAST:
+    sphere_spectra = pressure(_LOW_FREQUENCIES, angles.ravel(), distance).T.reshape(
+        *angles.shape, -1
+    )
+    sphere_spectra *= np.exp(2j * np.pi * delays[..., np.newaxis] * _LOW_FREQUENCIES)
+    set_spectra = _spectra(responses, sample_rate, _LOW_FREQUENCIES)
+    powers = (
+        np.square(np.abs(spectra)).mean(axis=(0, 1)) for spectra in (sphere_spectra, set_spectra)
+    )
+    sphere_powers, set_powers = (np.maximum(power, np.finfo(float).tiny) for power in powers)
+    levels = np.clip(0.5 * np.log(sphere_powers / set_powers), -_MAX_LOSS, _MAX_LOSS)
+    if levels.max() < _MIN_LOSS:
         return np.zeros(responses.shape)
-    phases = np.angle(np.sum(there * here.conj(), axis=(0, 1)))
-    factors = np.expm1(fading(_LOW, *_LEVELS) * levels + 1j * fading(_LOW, *_PHASES) * phases)
+    phases = np.angle(np.sum(sphere_spectra * set_spectra.conj(), axis=(0, 1)))
+    factors = np.expm1(
+        fading(_LOW_FREQUENCIES, *_LEVELS) * levels
+        + 1j * fading(_LOW_FREQUENCIES, *_PHASES) * phases
+    )
     knots = np.arange(-3, taps / sample_rate / _KNOTS + 1) * _KNOTS
     times = np.clip(np.arange(taps) / sample_rate, knots[3], knots[-4])
     splines = BSpline.design_matrix(times, knots, 3).toarray().T
-    basis = _spectra(splines, sample_rate, np.concatenate([_LOW, _KEPT])).T
-    wanted = np.zeros((len(basis), here[..., 0].size), np.complex128)
-    wanted[: len(_LOW)] = (here * factors).reshape(-1, len(_LOW)).T
-    rows = np.concatenate([basis.real, basis.imag]), np.concatenate([wanted.real, wanted.imag])
+    basis = _spectra(
+        splines, sample_rate, np.concatenate([_LOW_FREQUENCIES, _UNCHANGED_FREQUENCIES])
+    ).T
+    targets = np.zeros((len(basis), set_spectra[..., 0].size), np.complex128)
+    targets[: len(_LOW_FREQUENCIES)] = (set_spectra * factors).reshape(-1, len(_LOW_FREQUENCIES)).T
+    rows = np.concatenate([basis.real, basis.imag]), np.concatenate([targets.real, targets.imag])
     return (np.linalg.lstsq(*rows, rcond=1e-6)[0].T @ splines).reshape(responses.shape)
 
 
@@ -196,11 +212,11 @@ def _angles(directions: Array) -> Array:
 
 def _chosen(directions: Array, nodes: Array) -> NDArray[np.intp]:
     """Return the numbers of directions kept: none twice, as poles often are, and not too many."""
-    rounded = np.round(directions, 3) + 0.0  # no negative zeros
-    distinct = np.sort(np.unique(rounded, axis=0, return_index=True)[1])
-    if len(distinct) <= len(nodes):
-        return distinct
-    return distinct[np.unique(KDTree(directions[distinct]).query(nodes)[1])]
+    rounded_directions = np.round(directions, 3) + 0.0  # no negative zeros
+    indices = np.sort(np.unique(rounded_directions, axis=0, return_index=True)[1])
+    if len(indices) <= len(nodes):
+        return indices
+    return indices[np.unique(KDTree(directions[indices]).query(nodes)[1])]
 
 
 def _onsets(responses: Array) -> Array:
@@ -210,24 +226,26 @@ def _onsets(responses: Array) -> Array:
     neighbours where a zero leaves the unit circle; this does not.
     """
     taps = responses.shape[-1]
-    ahead = 16  # a limited band rings before its onset, also before the first sample
-    length = (taps + 2 * ahead) * _FINER
-    spectra = np.fft.rfft(np.pad(responses, ((0, 0), (0, 0), (ahead, ahead))), axis=-1)
-    finer = np.abs(np.fft.irfft(spectra, length, axis=-1))
-    level = ONSET * finer.max(axis=-1, keepdims=True)
-    finer[..., 0] = 0
-    first = np.maximum(np.argmax(finer > level, axis=-1), 1)[..., np.newaxis]
-    before = np.take_along_axis(finer, first - 1, axis=-1)
-    after = np.take_along_axis(finer, first, axis=-1)
-    return ((first - (after - level) / (after - before)) / _FINER - ahead)[..., 0]
+    margin = 16  # a limited band rings before its onset, also before the first sample
+    length = (taps + 2 * margin) * _OVERSAMPLING
+    spectra = np.fft.rfft(np.pad(responses, ((0, 0), (0, 0), (margin, margin))), axis=-1)
+    magnitudes = np.abs(np.fft.irfft(spectra, length, axis=-1))
+    level = ONSET * magnitudes.max(axis=-1, keepdims=True)
+    magnitudes[..., 0] = 0
+    first = np.maximum(np.argmax(magnitudes > level, axis=-1), 1)[..., np.newaxis]
+    values_below = np.take_along_axis(magnitudes, first - 1, axis=-1)
+    values_above = np.take_along_axis(magnitudes, first, axis=-1)
+    return (
+        (first - (values_above - level) / (values_above - values_below)) / _OVERSAMPLING - margin
+    )[..., 0]
 
 
 def _gain(directions: Array, responses: Array, measured: HrtfSet) -> float:
     """Return the factor that makes responses relative to the free field."""
-    here = np.mean(np.abs(_spectra(responses, measured.sample_rate, _LEVEL_BAND)) ** 2)
+    mean_power = np.mean(np.abs(_spectra(responses, measured.sample_rate, _LEVEL_BAND)) ** 2)
     angles, counts = np.unique(np.round(_angles(directions), 3), return_counts=True)
-    there = np.mean(np.abs(pressure(_LEVEL_BAND, angles, measured.distance)) ** 2, axis=0)
-    return math.sqrt(np.average(there, weights=counts) / here)
+    sphere_powers = np.mean(np.abs(pressure(_LEVEL_BAND, angles, measured.distance)) ** 2, axis=0)
+    return math.sqrt(np.average(sphere_powers, weights=counts) / mean_power)
 
 
 def _sampled(
@@ -259,19 +277,21 @@ def _window(taps: int, sample_rate: float) -> Array:
     return np.sin(0.5 * np.pi * np.clip(np.minimum(start, end) + 0.05, 0, 1)) ** 2
 
 
-def splined(measured: Array, values: Array, wanted: Array) -> Array:
-    """Return values (M, K) in measured directions interpolated to wanted ones (W, K).
+def splined(measured_directions: Array, values: Array, target_directions: Array) -> Array:
+    """Return values (M, K) in measured directions interpolated to target directions (W, K).
 
     A spline on the sphere: exact where measured, and of the least mean square of a derivative of
     order 2.5 (of Laplace and Beltrami) between, so that it stays bounded where none is near (Wahba
     1981, SIAM J. Sci. Stat. Comput. 2(1), 5, with a series for its kernel).
     """
-    count = len(measured)
+    count = len(measured_directions)
     system = np.ones((count + 1, count + 1))
-    system[:count, :count] = _kernel(measured @ measured.T)
+    system[:count, :count] = _kernel(measured_directions @ measured_directions.T)
     system[count, count] = 0
     weights = np.linalg.solve(system, np.pad(values, ((0, 1), (0, 0))))
-    return np.asarray(_kernel(wanted @ measured.T) @ weights[:-1] + weights[-1], np.float64)
+    return np.asarray(
+        _kernel(target_directions @ measured_directions.T) @ weights[:-1] + weights[-1], np.float64
+    )
 
 
 def _kernel(cosines: Array) -> Array:
@@ -423,7 +443,7 @@ NEAR_LASTING = 48 / 48000  # s, of the near field's responses
 _SPECTRUM = 512  # bins, from which those are cut
 _KUHN = 1.5 * HEAD_RADIUS / AIR.sound_speed  # s
 _COLUMNS, _NEAR_COLUMNS = len(AZIMUTHS), NEAR_STEPS + 4
-_NEAREST, _FARTHEST = NEAR * HEAD_RADIUS, (1 + HEIGHTS[-3]) * HEAD_RADIUS
+_MIN_DISTANCE, _MAX_DISTANCE = NEAR * HEAD_RADIUS, (1 + HEIGHTS[-3]) * HEAD_RADIUS
 _PER_STEP = np.array([180 / math.pi / STEP] * 2 + [1 / KNOT_STEP, NEAR_STEPS / math.pi])
 _FIRST = np.array([90 / STEP, 180 / STEP, -math.log(NEAR - 1) / KNOT_STEP, 0]) + 1
 
@@ -453,7 +473,7 @@ class MeasuredHead:
         Raises
         ------
         FileFormatError
-            When it is none that can be read.
+            If the file cannot be read or is not a set of this convention.
         MissingDependencyError
             When h5py is not installed.
         """
@@ -475,8 +495,8 @@ class MeasuredHead:
         Raises OptionError unless `sample_rate` is from 4 to 768 kHz.
         """
         require_rate(sample_rate, 768000)
-        how = (BRIEF,) if brief else ()
-        return prepare(self.measured, sample_rate, *how)
+        lengths = (BRIEF,) if brief else ()
+        return prepare(self.measured, sample_rate, *lengths)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -499,10 +519,10 @@ class MeasuredFilters:
         places = _places(directions, distances)
         cells = places.astype(np.intp)
         weights = ((places - cells)[..., None] ** POWERS @ CATMULL_ROM).astype(np.float32)
-        far = _mixed(self.grid, cells[:, :2], weights[:, :2], _COLUMNS)
-        near = _mixed(self.near, cells[:, 2:], weights[:, 2:], _NEAR_COLUMNS)
-        delays = far[:, :2].astype(np.float64) + near[:, :2]
-        spectra = far[:, 2:].view(np.complex64) * near[:, 2:].view(np.complex64)
+        far_values = _mixed(self.grid, cells[:, :2], weights[:, :2], _COLUMNS)
+        near_values = _mixed(self.near, cells[:, 2:], weights[:, 2:], _NEAR_COLUMNS)
+        delays = far_values[:, :2].astype(np.float64) + near_values[:, :2]
+        spectra = far_values[:, 2:].view(np.complex64) * near_values[:, 2:].view(np.complex64)
         responses = np.fft.irfft(spectra.reshape(len(places), 2, -1), self.length)
         return delays, responses[..., : self.taps].astype(np.float32)
 
@@ -513,8 +533,8 @@ def _places(directions: Array, distances: Array) -> Array:
     places = np.empty((len(distances), 4))
     places[:, 0] = np.arctan2(z, np.hypot(x, y))
     places[:, 1] = np.arctan2(-y, -x)
-    nearby = np.minimum(np.maximum(distances, _NEAREST), _FARTHEST)
-    places[:, 2] = np.log(nearby / HEAD_RADIUS - 1)
+    clipped_distances = np.minimum(np.maximum(distances, _MIN_DISTANCE), _MAX_DISTANCE)
+    places[:, 2] = np.log(clipped_distances / HEAD_RADIUS - 1)
     places[:, 3] = np.arctan2(np.hypot(x, z), y)
     places *= _PER_STEP
     places += _FIRST
@@ -523,9 +543,9 @@ def _places(directions: Array, distances: Array) -> Array:
 
 def _mixed(table: Single, cells: NDArray[np.intp], weights: Single, columns: int) -> Single:
     """Return the cubics (n, ..) over the 16 nodes around each place."""
-    both = (weights[:, 0, :, None] * weights[:, 1, None, :]).reshape(-1, 1, 16)
+    node_weights = (weights[:, 0, :, None] * weights[:, 1, None, :]).reshape(-1, 1, 16)
     rows = (cells[:, 0] * columns + cells[:, 1])[:, None] + _NEIGHBOURS[columns]
-    return np.matmul(both, table.take(rows, axis=0), dtype=np.float32)[:, 0]
+    return np.matmul(node_weights, table.take(rows, axis=0), dtype=np.float32)[:, 0]
 
 
 _NEIGHBOURS = {
@@ -538,11 +558,11 @@ _NEIGHBOURS = {
 def prepare(measured: HrtfSet, sample_rate: float, lasting: float = LASTING) -> MeasuredFilters:
     """Return the filters of a set at a sample rate, each lasting some seconds."""
     ready = aligned(measured, sample_rate, _nodes(), lasting)
-    taps, short = ready.responses.shape[-1], round(NEAR_LASTING * sample_rate)
-    length = next_fast_len(taps + short - 1, real=True)
+    taps, near_taps = ready.responses.shape[-1], round(NEAR_LASTING * sample_rate)
+    length = next_fast_len(taps + near_taps - 1, real=True)
     return MeasuredFilters(
         grid=_grid(ready, length),
-        near=_near_field(measured.distance, sample_rate, short, length),
+        near=_near_field(measured.distance, sample_rate, near_taps, length),
         taps=taps,
         length=length,
         gain=ready.gain,
@@ -558,11 +578,11 @@ def _grid(ready: Aligned, length: int) -> Single:
     """Return delays and spectra on the grid, by a spline through the measured directions."""
     nodes = _nodes()
     # Far from all that was measured, delays tend to Kuhn's for low frequencies, which are smooth.
-    excess = ready.delays + _KUHN * (ready.directions @ EARS.T)
-    measured = np.hstack([excess, ready.responses.reshape(len(excess), -1)])
-    between = splined(ready.directions, measured, nodes)
-    delays = between[:, :2] - _KUHN * (nodes @ EARS.T)
-    return _table(delays, between[:, 2:].reshape(len(nodes), 2, -1), length)
+    excess_times = ready.delays + _KUHN * (ready.directions @ EARS.T)
+    measured_values = np.hstack([excess_times, ready.responses.reshape(len(excess_times), -1)])
+    node_values = splined(ready.directions, measured_values, nodes)
+    delays = node_values[:, :2] - _KUHN * (nodes @ EARS.T)
+    return _table(delays, node_values[:, 2:].reshape(len(nodes), 2, -1), length)
 
 
 def _table(delays: Array, responses: Array, length: int) -> Single:
@@ -572,15 +592,15 @@ def _table(delays: Array, responses: Array, length: int) -> Single:
 
 
 @lru_cache(maxsize=8)
-def _near_field(reference: float, sample_rate: float, short: int, length: int) -> Single:
+def _near_field(reference: float, sample_rate: float, taps: int, length: int) -> Single:
     """Return the change with distance over heights and angles, mirrored beyond 0 and pi."""
     angles = np.linspace(0, np.pi, NEAR_STEPS + 1)
     frequencies = np.linspace(0, sample_rate / 2, _SPECTRUM + 1)
     tables: list[Single] = []
     for distance in (1 + HEIGHTS) * HEAD_RADIUS:
         gains = distance_gain(frequencies, angles, distance, reference).T
-        later = arrival_delay(angles, distance) - arrival_delay(angles, reference)
-        table = _table(_both(later), _both(minimum_phase(np.log(gains))[:, :short]), length)
+        extra_times = arrival_delay(angles, distance) - arrival_delay(angles, reference)
+        table = _table(_both(extra_times), _both(minimum_phase(np.log(gains))[:, :taps]), length)
         tables.append(np.pad(table, ((1, 2), (0, 0)), mode="reflect"))
     return np.concatenate(tables)
 

@@ -34,11 +34,13 @@ class Orientation:
     Parameters
     ----------
     name : str
-        What it is, for errors.
-    times, quaternions : array (T,), (T, 4)
-        Of a table, s; a body that does not turn has one.
+        Name in error messages.
+    times : array (T,)
+        Times of a table, s; one for a body that does not turn.
+    quaternions : array (T, 4)
+        Unit quaternions (w, x, y, z) at these times.
     function : callable or None
-        In place of a table.
+        Function of the time in s that is used instead of a table. Default: None.
     """
 
     name: str
@@ -81,16 +83,18 @@ class Orientation:
         As of a `Trajectory`, all is held as at 0 s until then.
         """
         if self.function is not None:
-            found = (numbers(self.name, self.function(max(t, 0.0))) for t in times.tolist())
+            values = (numbers(self.name, self.function(max(t, 0.0))) for t in times.tolist())
             rotations = [
                 _unit(self.name, one[None])[0] if one.shape == (4,) else _of_matrix(self.name, one)
-                for one in found
+                for one in values
             ]
             return matrices(np.array(rotations).reshape(-1, 4))
         if len(self.times) == 1:
             return np.broadcast_to(matrices(self.quaternions), (len(times), 3, 3))
-        after, share = _within(self.times, np.maximum(times, 0.0))
-        return matrices(slerp(self.quaternions[after - 1], self.quaternions[after], share))
+        next_rows, fractions = _within(self.times, np.maximum(times, 0.0))
+        return matrices(
+            slerp(self.quaternions[next_rows - 1], self.quaternions[next_rows], fractions)
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -124,74 +128,84 @@ class MovingPoint:
 
     def in_body(self, place: Array, times: Array) -> Array:
         """Return a place of the scene, m (3,), in the body's coordinates at times (n,): (n, 3)."""
-        apart = place - self.origin.at(times)
-        return np.einsum("nd,nde->ne", apart, self.orientation.at(times))
+        displacements = place - self.origin.at(times)
+        return np.einsum("nd,nde->ne", displacements, self.orientation.at(times))
 
     @property
     def tabled(self) -> bool:
         """Whether origin and orientation of the body are given at the same times, from 0 s on."""
         times = self.origin.times
-        alike = np.array_equal(times, self.orientation.times)
-        return alike and not self._steady and len(times) > 1 and bool(times[0] >= 0)
+        has_same_times = np.array_equal(times, self.orientation.times)
+        return has_same_times and not self._steady and len(times) > 1 and bool(times[0] >= 0)
 
 
 class Centres:
     """Centres of bodies over time; bodies that share a table of times are computed together."""
 
     def __init__(self, centres: Sequence[Trajectory | MovingPoint]) -> None:
-        tabled = [
-            (n, each)
-            for n, each in enumerate(centres)
-            if isinstance(each, MovingPoint) and each.tabled
+        numbered_points = [
+            (n, centre)
+            for n, centre in enumerate(centres)
+            if isinstance(centre, MovingPoint) and centre.tabled
         ]
-        self._times = tabled[0][1].origin.times if tabled else np.zeros(0)
+        self._times = numbered_points[0][1].origin.times if numbered_points else np.zeros(0)
         self._together = {
-            n: each for n, each in tabled if np.array_equal(each.origin.times, self._times)
+            n: centre
+            for n, centre in numbered_points
+            if np.array_equal(centre.origin.times, self._times)
         }
-        self._alone = {n: each for n, each in enumerate(centres) if n not in self._together}
+        self._alone = {n: centre for n, centre in enumerate(centres) if n not in self._together}
         self._rows = np.array(list(self._together), np.intp)
-        self._points = np.array([each.point for each in self._together.values()])
+        self._points = np.array([centre.point for centre in self._together.values()])
 
     def at(self, moments: Array) -> Array:
         """Return where bodies are, m (bodies, n, 3), at moments of each, s (bodies, n)."""
         places = np.empty((*moments.shape, 3))
-        for row, each in self._alone.items():
-            places[row] = each.at(moments[row])
+        for row, centre in self._alone.items():
+            places[row] = centre.at(moments[row])
         if self._together:
             places[self._rows] = self._carried(moments[self._rows])
         return places
 
     def _carried(self, moments: Array) -> Array:
         """Return the centres of the bodies that share a table of times, m (bodies, n, 3)."""
-        after, share = _within(self._times, moments)
-        ends = np.stack([after - 1, after], axis=1)
+        next_rows, fractions = _within(self._times, moments)
+        ends = np.stack([next_rows - 1, next_rows], axis=1)
         bodies = list(zip(self._together.values(), ends, strict=True))
-        origins = np.array([each.origin.points.take(its, axis=0) for each, its in bodies])
-        turns = np.array([each.orientation.quaternions.take(its, axis=0) for each, its in bodies])
-        between = slerp(turns[:, 0].reshape(-1, 4), turns[:, 1].reshape(-1, 4), share.ravel())
-        turned = matrices(between).reshape(*moments.shape, 3, 3) @ self._points[:, None, :, None]
-        share = share[..., None]
-        return (1 - share) * origins[:, 0] + share * origins[:, 1] + turned[..., 0]
+        origins = np.array([centre.origin.points.take(rows, axis=0) for centre, rows in bodies])
+        quaternions = np.array(
+            [centre.orientation.quaternions.take(rows, axis=0) for centre, rows in bodies]
+        )
+        rotations = slerp(
+            quaternions[:, 0].reshape(-1, 4), quaternions[:, 1].reshape(-1, 4), fractions.ravel()
+        )
+        point_vectors = (
+            matrices(rotations).reshape(*moments.shape, 3, 3) @ self._points[:, None, :, None]
+        )
+        fractions = fractions[..., None]
+        return (1 - fractions) * origins[:, 0] + fractions * origins[:, 1] + point_vectors[..., 0]
 
 
 def _within(table: Array, times: Array) -> tuple[Index, Array]:
     """Return the next rows of a table of times after some times, and how far on the way to them."""
-    after = np.minimum(np.maximum(np.searchsorted(table, times), 1), len(table) - 1)
-    begin = table[after - 1]
-    return after, np.minimum(np.maximum((times - begin) / (table[after] - begin), 0), 1)
+    next_rows = np.minimum(np.maximum(np.searchsorted(table, times), 1), len(table) - 1)
+    start_times = table[next_rows - 1]
+    return next_rows, np.minimum(
+        np.maximum((times - start_times) / (table[next_rows] - start_times), 0), 1
+    )
 
 
-def slerp(first: Array, last: Array, share: Array) -> Array:
-    """Return unit quaternions (n, 4) at shares (n,) of the shorter way between two."""
+def slerp(first: Array, last: Array, fractions: Array) -> Array:
+    """Return unit quaternions (n, 4) at fractions (n,) of the shorter arc between two."""
     cosine = np.einsum("nq,nq->n", first, last)
     last = np.where(cosine[:, None] < 0, -last, last)
     angle = np.arccos(np.minimum(np.abs(cosine), 1))
-    near = angle < _NEAR  # where the way is as good as straight
-    apart = np.where(near, 1.0, np.sin(angle))
-    begin = np.where(near, 1 - share, np.sin((1 - share) * angle) / apart)
-    end = np.where(near, share, np.sin(share * angle) / apart)
-    between = begin[:, None] * first + end[:, None] * last
-    return between / np.sqrt(np.einsum("nq,nq->n", between, between))[:, None]
+    is_near = angle < _NEAR  # the arc is nearly straight
+    sines = np.where(is_near, 1.0, np.sin(angle))
+    first_weights = np.where(is_near, 1 - fractions, np.sin((1 - fractions) * angle) / sines)
+    last_weights = np.where(is_near, fractions, np.sin(fractions * angle) / sines)
+    quaternions = first_weights[:, None] * first + last_weights[:, None] * last
+    return quaternions / np.sqrt(np.einsum("nq,nq->n", quaternions, quaternions))[:, None]
 
 
 def matrices(quaternions: Array) -> Array:
@@ -207,9 +221,9 @@ def matrices(quaternions: Array) -> Array:
 
 def _unit(name: str, quaternions: Array) -> Array:
     lengths = np.linalg.norm(quaternions, axis=1, keepdims=True)
-    wrong = ~(np.abs(lengths - 1) <= _UNIT)
-    if wrong.any():
-        row = quaternions[int(np.argmax(wrong))]
+    is_wrong = ~(np.abs(lengths - 1) <= _UNIT)
+    if is_wrong.any():
+        row = quaternions[int(np.argmax(is_wrong))]
         raise OptionError(f"{name} is {row}: give unit quaternions (w, x, y, z)")
     return quaternions / lengths
 

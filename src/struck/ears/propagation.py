@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from struck.ears.heads import Filters
     from struck.ears.room import Room
 
-STRETCH = 512  # samples from one look at all places to the next; in between they go on smoothly
+STRETCH = 512  # samples between two evaluations of all positions, with a parabola in between
 LONGEST_WAY = 10_000.0  # m, the largest distance of a body, or its image, from a listener
 # How much earlier than at its centre a head may hear, s, and how long responses wait, samples.
-_EARLIEST, _WAITING = 1e-3, 16
-_CLOSEST = 1e-3  # m, to a point without a surface
+_MAX_ADVANCE, _RESPONSE_LEAD = 1e-3, 16
+_MIN_DISTANCE = 1e-3  # m, to a point without a surface
 MOST_MIRRORED = 129  # images of a body with a timbre field: of up to 4 reflections
 _ROUNDS = 8  # of the fixed-point iteration for the time when a moving body sent
 
@@ -40,17 +40,18 @@ class Emitter:
     Parameters
     ----------
     centre : Trajectory or MovingPoint
-        Where it seems to come from, m.
+        Apparent origin of the sound, m.
     radius : float
-        Of the ball about it that holds the body, m.
+        Radius of the ball about the centre that contains the body, m. Default: 0.
     surface : Surface or None
-        Where no listener may be, in the coordinates of the body of the centre; None: the ball.
+        Surface in which no listener may be, in the coordinates of the body of the centre; None: the
+        ball. Default: None.
     nearest : float
-        Distance from which on the sound grows no louder, m: it comes from all sides.
-    field : "head", "ears" or None
-        Where its own gains tell what is heard, unless the listener says otherwise: at the head's
-        centre, and then through the head; or at each ear, without a head. No distance law comes on
-        top. None: it sounds alike on all sides.
+        Distance below which the sound gets no louder, m. Default: 0.
+    field : {"head", "ears"} or None
+        Where the gains of a timbre field are evaluated if the listener does not choose: at the
+        head's centre, followed by the head's filters; or at each ear, without a head. The gains
+        contain the distance law. None: the same sound in all directions. Default: None.
     """
 
     centre: Trajectory | MovingPoint
@@ -64,7 +65,7 @@ class Emitter:
         moment = np.array([time])
         distance = float(np.linalg.norm(place - self.centre.at(moment)[0]))
         if self.surface is None or not isinstance(self.centre, MovingPoint):
-            return distance < max(self.radius, _CLOSEST)
+            return distance < max(self.radius, _MIN_DISTANCE)
         if distance >= self.radius:
             return False
         return bool(self.surface.holds(self.centre.in_body(place, moment))[0])
@@ -83,9 +84,11 @@ class Sources:
         self.emitter = np.repeat(np.arange(len(emitters)), images)
         self.image = np.tile(np.arange(images), len(emitters))
         self.bodies = images * np.arange(len(emitters))
-        self._least = np.array([max(each.radius, _CLOSEST) for each in emitters])
-        self.field = np.repeat([each.field is not None for each in emitters], images)
-        self.nearest = np.repeat([max(each.nearest, _CLOSEST) for each in emitters], images)
+        self._least = np.array([max(emitter.radius, _MIN_DISTANCE) for emitter in emitters])
+        self.field = np.repeat([emitter.field is not None for emitter in emitters], images)
+        self.nearest = np.repeat(
+            [max(emitter.nearest, _MIN_DISTANCE) for emitter in emitters], images
+        )
 
     @classmethod
     def of(cls, emitters: Sequence[Emitter], room: Room | None) -> Sources:
@@ -115,31 +118,35 @@ class Sources:
         """
         moment, centre = np.array([time]), self._emitters[body].centre
         images = self._signs * centre.at(moment) + self._offsets
-        ways = np.linalg.norm(pose.at(moment)[0][0, 0] - images, axis=1)
-        places = pose.at(time + ways / AIR.sound_speed)[0][:, points]
-        mirrored = self._signs[:, None] * (places - self._offsets[:, None])
-        seen = mirrored.reshape(-1, 3)
-        return centre.in_body(seen, moment) if isinstance(centre, MovingPoint) else seen
+        path_lengths = np.linalg.norm(pose.at(moment)[0][0, 0] - images, axis=1)
+        places = pose.at(time + path_lengths / AIR.sound_speed)[0][:, points]
+        mirrored_points = self._signs[:, None] * (places - self._offsets[:, None])
+        listener_points = mirrored_points.reshape(-1, 3)
+        return (
+            centre.in_body(listener_points, moment)
+            if isinstance(centre, MovingPoint)
+            else listener_points
+        )
 
     @property
     def moves(self) -> bool:
         """Whether any body may move."""
-        return any(each.centre.moves for each in self._emitters)
+        return any(emitter.centre.moves for emitter in self._emitters)
 
-    def at(self, times: Array, ways: Array) -> Array:
+    def at(self, times: Array, path_lengths: Array) -> Array:
         """Return the places of sources (n, sources, 3) when they sent the sound of times (n,).
 
-        `ways` (n, sources), m, are how far the sound has gone.
+        `path_lengths` (n, sources), m, are the distances that the sound has travelled.
         """
-        sent = times[:, None] - ways / AIR.sound_speed
+        send_times = times[:, None] - path_lengths / AIR.sound_speed
         shape = len(times), len(self._emitters), len(self._signs)
-        moments = sent.reshape(shape).swapaxes(0, 1).reshape(len(self._emitters), -1)
+        moments = send_times.reshape(shape).swapaxes(0, 1).reshape(len(self._emitters), -1)
         if not self._placed or not all(map(is_, self._placed, self._emitters)):
-            self._placed = [*self._emitters]  # those of a player take new ways as it goes on
-            self._centres = Centres([each.centre for each in self._placed])
+            self._placed = [*self._emitters]  # the player replaces its emitters while it plays
+            self._centres = Centres([emitter.centre for emitter in self._placed])
         centres = self._centres.at(moments)
-        apart = centres.reshape(shape[1], shape[0], shape[2], 3).swapaxes(0, 1)
-        return (self._signs * apart + self._offsets).reshape(*ways.shape, 3)
+        positions = centres.reshape(shape[1], shape[0], shape[2], 3).swapaxes(0, 1)
+        return (self._signs * positions + self._offsets).reshape(*path_lengths.shape, 3)
 
 
 class Posed(Protocol):
@@ -179,21 +186,26 @@ class Pose:
     def of(cls, listener: Listener, emitters: Sequence[Emitter]) -> Pose:
         """Return the pose of a listener.
 
-        Without a position it is beside the first body; without a direction it faces the middle of
-        all bodies, level, or along x (y where x is up) from above, below or in the middle of them.
+        Without a position it is near the first body; without a direction it faces the mean of the
+        bodies' centres, level; if that is straight above or below or at its place, along x, or
+        along y if x is up.
         """
-        if listener.field and not any(each.field for each in emitters):
-            why = f"0 of {len(emitters)} bodies have a timbre field: leave it out, or analyze one"
-            raise OptionError(f"field is {listener.field!r}, and {why} with radiation='field'")
+        if listener.field and not any(emitter.field for emitter in emitters):
+            reason = (
+                f"0 of {len(emitters)} bodies have a timbre field: leave it out, or analyze one"
+            )
+            raise OptionError(f"field is {listener.field!r}, and {reason} with radiation='field'")
         start = np.zeros(1)
-        centres = np.concatenate([each.centre.at(start) for each in emitters])
-        given = listener.position
-        beside = centres[0] + aside(emitters[0].radius)
-        position = Trajectory.of("position", beside if given is None else given)
+        centres = np.concatenate([emitter.centre.at(start) for emitter in emitters])
+        listener_position = listener.position
+        default_position = centres[0] + aside(emitters[0].radius)
+        position = Trajectory.of(
+            "position", default_position if listener_position is None else listener_position
+        )
         up, facing = Trajectory.of("up", listener.up), listener.facing
         if facing is None:
-            ahead = centres.mean(axis=0) - position.at(start)[0]
-            facing = _level(ahead, up.at(start)[0])
+            view = centres.mean(axis=0) - position.at(start)[0]
+            facing = _level(view, up.at(start)[0])
         return cls(
             position=position,
             facing=Trajectory.of("facing", facing),
@@ -214,8 +226,8 @@ class Pose:
         """
         if self.moves:
             return self._at(times)
-        places, turned = self._rest
-        return np.repeat(places, len(times), axis=0), np.repeat(turned, len(times), axis=0)
+        places, head_axes = self._rest
+        return np.repeat(places, len(times), axis=0), np.repeat(head_axes, len(times), axis=0)
 
     @cached_property
     def _rest(self) -> tuple[Array, Array]:
@@ -223,9 +235,9 @@ class Pose:
         return self._at(np.zeros(1))
 
     def _at(self, times: Array) -> tuple[Array, Array]:
-        turned = axes(self.facing.at(times), self.up.at(times))
+        head_axes = axes(self.facing.at(times), self.up.at(times))
         centre = self.position.at(times)[:, None]
-        return np.concatenate([centre, centre + self.ear_points @ turned], axis=1), turned
+        return np.concatenate([centre, centre + self.ear_points @ head_axes], axis=1), head_axes
 
 
 def aside(radius: float) -> Array:
@@ -233,13 +245,13 @@ def aside(radius: float) -> Array:
     return np.array([max(1.0, 2 * radius), 0.0, 0.0])
 
 
-def _level(ahead: Array, up: Array) -> Array:
+def _level(view: Array, up: Array) -> Array:
     """Return the part of a direction across `up`; of the x or y axis where it is along `up`."""
-    for direction in (ahead, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])):
-        across = direction - up * (direction @ up) / max(up @ up, 1e-30)
-        if np.linalg.norm(across) > 1e-6 * max(np.linalg.norm(ahead), 1.0):
-            return across
-    return ahead
+    for direction in (view, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])):
+        component = direction - up * (direction @ up) / max(up @ up, 1e-30)
+        if np.linalg.norm(component) > 1e-6 * max(np.linalg.norm(view), 1.0):
+            return component
+    return view
 
 
 class Propagation:
@@ -267,28 +279,31 @@ class Propagation:
         self.ears = len(pose.ear_points)
         self._lines_of, self.lines = self._numbered(emitters, even=even)
         self._ear_of = np.tile(np.arange(self.ears), len(self._lines_of))
-        self.lead = READ // 2 + _WAITING + int(np.ceil(_EARLIEST * sample_rate))
+        self.lead = READ // 2 + _RESPONSE_LEAD + int(np.ceil(_MAX_ADVANCE * sample_rate))
         self._start()
 
     def _numbered(
         self, emitters: Sequence[Emitter], *, even: bool
     ) -> tuple[NDArray[np.int64], int]:
         """Return the line of each source and ear (sources, ears), and how many there are."""
-        # Images of a timbre field are heard from sides of their own, and by each ear where bare.
-        sources, said = self._sources, self._pose.field
-        bare = np.array([each.field and (said or each.field) == "ears" for each in emitters], bool)
-        points, images = np.where(bare, self.ears, 1), len(sources.emitter) // len(emitters)
+        # Each image of a timbre field has its own direction, and so has each ear without a head.
+        sources, listener_field = self._sources, self._pose.field
+        is_bare = np.array(
+            [emitter.field and (listener_field or emitter.field) == "ears" for emitter in emitters],
+            bool,
+        )
+        points, images = np.where(is_bare, self.ears, 1), len(sources.emitter) // len(emitters)
         if images > MOST_MIRRORED and sources.field.any():
             raise OptionError(
-                f"a room makes {images} images of a body, and its timbre field is told for each of "
-                f"at most {MOST_MIRRORED}: give an order= of 4 at most, and leave later ones to a "
+                f"a room makes {images} images of a body, and a timbre field has at most "
+                f"{MOST_MIRRORED} of them: give an order= of 4 at most, and leave later ones to a "
                 "Reverberation"
             )
         sizes = points * np.where(sources.field[sources.bodies], images, 1)
         sizes = np.full_like(sizes, sizes.max()) if even else sizes
         firsts = (np.cumsum(sizes) - sizes)[sources.emitter]
         firsts += sources.image * points[sources.emitter] * sources.field
-        self._bare = bare[sources.emitter]
+        self._bare = is_bare[sources.emitter]
         return firsts[:, None] + np.outer(self._bare, np.arange(self.ears)), int(sizes.sum())
 
     def heard_at(self, body: int, time: float) -> Array:
@@ -331,64 +346,68 @@ class Propagation:
         stretch = self._stretch / self._rate
         delays, gains, responses = self._arriving(self._now + np.array([stretch / 2, stretch]))
         self._now += stretch
-        before, self._end = self._end, (delays[-1], gains[-1], responses)
-        self.paths = self._paths_from(before, delays, gains)
+        previous_end, self._end = self._end, (delays[-1], gains[-1], responses)
+        self.paths = self._paths_from(previous_end, delays, gains)
         return self.paths
 
     def _paths_from(
-        self, before: tuple[Array, Array, Single], delays: Array, gains: Array
+        self, previous_end: tuple[Array, Array, Single], delays: Array, gains: Array
     ) -> Paths:
         count = self._lines_of.size
         return Paths(
             lines=self._lines_of.ravel(),
             ears=self._ear_of,
-            delays=_in_turn(before[0], delays).reshape(count, 3),
-            gains=_in_turn(before[1], gains).reshape(count, 3),
-            before=before[2].reshape(count, -1),
+            delays=_in_turn(previous_end[0], delays).reshape(count, 3),
+            gains=_in_turn(previous_end[1], gains).reshape(count, 3),
+            before=previous_end[2].reshape(count, -1),
             after=self._end[2].reshape(count, -1),
             stretch=self._stretch,
         )
 
     def _arriving(self, times: Array) -> tuple[Array, Array, Single]:
         """Return delays, samples, and gains (n, sources, ears), and the last time's responses."""
-        distances, seen, places = self._distances(times)
+        distances, directions, places = self._distances(times)
         centres = distances[..., 0]
         self._require_possible(centres, times, places)
         if len(times) > 1:
             self._rates = (centres[-1] - centres[-2]) / (times[-1] - times[-2])
         self._guess = centres[-1]
-        ways = np.where(self._bare[:, None], distances[..., 1:], distances[..., :1])
-        fallen = 1 / np.maximum(ways, self._sources.nearest[:, None])
-        gains = np.where(self._sources.field[:, None], 1, fallen)
-        later, responses = self._filtered(seen[-1], centres[-1])
+        path_lengths = np.where(self._bare[:, None], distances[..., 1:], distances[..., :1])
+        distance_gains = 1 / np.maximum(path_lengths, self._sources.nearest[:, None])
+        gains = np.where(self._sources.field[:, None], 1, distance_gains)
+        head_delays, responses = self._filtered(directions[-1], centres[-1])
         # What heads add moves straight from stretch to stretch.
         shares = np.arange(1, len(times) + 1)[:, None, None] / len(times)
-        added, self._later = self._later + shares * (later - self._later), later
-        return self.lead + (ways / AIR.sound_speed + added) * self._rate, gains, responses
+        added_delays, self._later = self._later + shares * (head_delays - self._later), head_delays
+        return (
+            self.lead + (path_lengths / AIR.sound_speed + added_delays) * self._rate,
+            gains,
+            responses,
+        )
 
     def _distances(self, times: Array) -> tuple[Array, Array, Array]:
         """Return distances to head and ears (n, sources, 1 + ears), m, directions, and heads."""
-        places, turned = self._pose.at(times)
-        ways = self._guess + np.outer(times - self._now, self._rates)
-        sources = self._sources.at(times, ways)
+        places, head_axes = self._pose.at(times)
+        path_lengths = self._guess + np.outer(times - self._now, self._rates)
+        sources = self._sources.at(times, path_lengths)
         if self._room is not None:
             self._room.require_inside(places[:, 0], "listener")
             self._room.require_inside(sources[:, self._sources.bodies], "body")
-        apart = sources[:, :, None] - places[:, None]
-        distances = np.sqrt(np.einsum("nsed,nsed->nse", apart, apart))
-        seen = np.einsum("nsd,nad->nsa", apart[:, :, 0], turned)
-        return distances, seen / np.maximum(distances[..., :1], 1e-9), places[:, 0]
+        displacements = sources[:, :, None] - places[:, None]
+        distances = np.sqrt(np.einsum("nsed,nsed->nse", displacements, displacements))
+        directions = np.einsum("nsd,nad->nsa", displacements[:, :, 0], head_axes)
+        return distances, directions / np.maximum(distances[..., :1], 1e-9), places[:, 0]
 
     def _filtered(self, directions: Array, distances: Array) -> tuple[Array, Single]:
         """Return the delays of the head, s (sources, ears), and all responses."""
-        later, responses = self._filters.toward(directions, distances)
-        bare = self._bare
-        if bare.any():
-            later = np.where(bare[:, None], 0, later)
-            responses = np.where(bare[:, None, None], _unit(responses.shape[-1]), responses)
+        head_delays, responses = self._filters.toward(directions, distances)
+        is_bare = self._bare
+        if is_bare.any():
+            head_delays = np.where(is_bare[:, None], 0, head_delays)
+            responses = np.where(is_bare[:, None, None], _unit(responses.shape[-1]), responses)
         if self._walls is not None:
             responses = _convolved(responses, self._walls[self._sources.image])
-        return later, responses
+        return head_delays, responses
 
     def _require_possible(self, distances: Array, times: Array, places: Array) -> None:
         self._sources.require_outside(distances, places, times)
@@ -399,9 +418,9 @@ class Propagation:
             )
 
 
-def _in_turn(begin: Array, rest: Array) -> Array:
+def _in_turn(start_values: Array, later_values: Array) -> Array:
     """Return three values of each path, at begin, middle and end (sources, ears, 3)."""
-    return np.stack([begin, rest[0], rest[1]], axis=-1)
+    return np.stack([start_values, later_values[0], later_values[1]], axis=-1)
 
 
 def _unit(taps: int) -> Single:

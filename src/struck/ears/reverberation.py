@@ -22,7 +22,7 @@ from struck.model.arrays import (
 from struck.model.damping import in_hertz
 from struck.model.material import AIR
 
-EAR_SPACING = 0.175  # m: twice the radius 8.75 cm of the sphere that stands for a head
+EAR_SPACING = 0.175  # m: twice the radius 8.75 cm of the sphere that models a head
 _LONGEST = 120.0  # s: no hall of people reverberates as long
 # Reverberation time times absorption area over volume: 0.161 s/m.
 SABINE = 24 * math.log(10) / AIR.sound_speed
@@ -80,11 +80,11 @@ class Reverberation:
         bands = self.bands()
         if not len(bands):
             raise OptionError("seconds names no band: give a time for one at least, as {1000: 0.6}")
-        wanted = "give one above 0, and finite"
-        for name, column, most in zip(("Hz", "s"), bands.T, (1e6, _LONGEST), strict=True):
+        hint = "give one above 0, and finite"
+        for name, column, maximum in zip(("Hz", "s"), bands.T, (1e6, _LONGEST), strict=True):
             for value in column:
                 require_number(
-                    f"reverberation in {name}", value, 0, most, above=True, wanted=wanted
+                    f"reverberation in {name}", value, 0, maximum, above=True, wanted=hint
                 )
         require_number("seed", self.seed, 0, 2.0**63)
 
@@ -135,8 +135,8 @@ class Reverberation:
         channels : int
             1, or 2 for both ears, each as loud as the one.
         start : float
-            Time of the first sample after the impulse left the source, s: the mixing time, when
-            reflections told one by one end. What is before it is left out, the rest stays as is.
+            Time of the first sample after the impulse left the source, s: the mixing time, at
+            which the single reflections end. The response before it is left out. Default: 0.
         ear_spacing : float
             m; the ears are coherent as two points so far apart in a diffuse field, sin(k d) / (k d)
             (R. K. Cook et al., J. Acoust. Soc. Am. 27(6), 1072-1077, 1955).
@@ -162,15 +162,15 @@ class Reverberation:
         return self._decaying(noise, sample_rate, times).astype(np.float32)
 
     def _decaying(self, spectra: Complex, sample_rate: float, times: Array) -> Array:
-        """Weigh each band of white noise with its own decay, and add them up."""
+        """Multiply each band of white noise by the decay of the band, and sum the bands."""
         total = np.zeros((len(spectra), len(times)))
         frequencies = np.fft.rfftfreq(len(times), 1 / sample_rate)
         centres, seconds = self.bands().T
         energies = 16 * math.pi / self.absorption_areas() * 2 * _AMPLITUDE / seconds  # a second
         shares = band_shares(frequencies, centres)
-        for energy, time, share in zip(energies, seconds, shares, strict=True):
+        for energy, time, weights in zip(energies, seconds, shares, strict=True):
             envelope = math.sqrt(energy / sample_rate) * np.exp(-_AMPLITUDE * times / time)
-            total += envelope * np.fft.irfft(spectra * share, len(times))
+            total += envelope * np.fft.irfft(spectra * weights, len(times))
         return total
 
 
@@ -179,9 +179,11 @@ def band_shares(frequencies: ArrayLike, centres: Array) -> Array:
 
     Neighbouring bands (centres in Hz, rising) fade into one another as cos^2 over log frequency.
     """
-    lowest = centres[0]
-    place = np.log(np.clip(frequencies, lowest, centres[-1]) / lowest)
-    triangles = [np.interp(place, np.log(centres / lowest), unit) for unit in np.eye(len(centres))]
+    lowest_centre = centres[0]
+    place = np.log(np.clip(frequencies, lowest_centre, centres[-1]) / lowest_centre)
+    triangles = [
+        np.interp(place, np.log(centres / lowest_centre), unit) for unit in np.eye(len(centres))
+    ]
     return np.sin(np.pi / 2 * np.array(triangles)) ** 2
 
 
@@ -197,8 +199,8 @@ def statistical_time(
     mean = areas @ absorptions / areas.sum()
     require_choice("formula", formula, ("eyring", "sabine"))
     with np.errstate(divide="ignore"):
-        lost = mean if formula == "sabine" else -np.log1p(-mean)
-        return SABINE * volume / (areas.sum() * lost)
+        loss = mean if formula == "sabine" else -np.log1p(-mean)
+        return SABINE * volume / (areas.sum() * loss)
 
 
 def _coherent(spectra: Complex, sample_rate: float, spacing: float) -> Complex:

@@ -31,7 +31,7 @@ from struck.model.provenance import table_of
 Wall = str | float
 WALLS = ("x0", "x1", "y0", "y1", "z0", "z1")  # z0 is the floor, z1 the ceiling
 BANDS = 125.0 * 2.0 ** np.arange(7)  # Hz: centres of the octave bands of absorption (7,)
-_FAINTEST = 1e-5  # a logarithm needs something: 100 dB down is nothing
+_MIN_AMPLITUDE = 1e-5  # -100 dB, which keeps logarithms finite
 _SPECTRUM = 8192  # points of the circle on which a short response is built
 
 
@@ -41,22 +41,22 @@ def pyroomacoustics() -> ModuleType:
     Its import would import sounddevice, which opens PortAudio for as long as Python runs: from then
     on `struck.play` would see no device that comes or goes.
     """
-    hidden = "pyroomacoustics" not in sys.modules and sys.modules.get("sounddevice") is None
-    if hidden:
+    is_hidden = "pyroomacoustics" not in sys.modules and sys.modules.get("sounddevice") is None
+    if is_hidden:
         sys.modules["sounddevice"] = None  # type: ignore[assignment] # as the import system has it
     try:
-        import pyroomacoustics as found  # pyright: ignore[reportMissingImports]  # an extra
+        import pyroomacoustics as library  # pyright: ignore[reportMissingImports]  # an extra
     except ImportError as error:
         raise MissingDependencyError(
             'full responses of a room are made by pyroomacoustics: pip install "struck[room]"'
         ) from error
     finally:
-        if hidden:
+        if is_hidden:
             del sys.modules["sounddevice"]
-    return found
+    return library
 
 
-_LARGEST = 1000.0  # m, an edge of a room
+_MAX_EDGE = 1000.0  # m, an edge of a room
 _MOST_ORDERS = 24  # some 20,000 images
 _LOWEST_FULL_RATE = 4000.0  # Hz: below it there is no band of the walls to filter by
 _MOST_FULL_ORDERS = 60  # of whole responses, computed once
@@ -97,9 +97,9 @@ class Room:
         Material by name (see `wall_materials`), or absorbed share of the energy in all bands, 0 to
         1; for all walls, or for each of "x0", "x1", "y0", "y1", "z0" (floor), "z1" (ceiling).
     order : int
-        Reflections up to so many walls are told one by one.
+        Largest number of reflections of an image. Default: 2.
     reverberation : Reverberation, optional
-        What comes after them; `expected_reverberation` makes one from the walls.
+        Sound after the single reflections; `expected_reverberation` makes one from the walls.
     corner : (3,) floats
         The corner with the lowest coordinates, m.
 
@@ -121,17 +121,15 @@ class Room:
     corner: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        if len(self.size) != 3 or not all(0 < edge <= _LARGEST for edge in self.size):
+        if len(self.size) != 3 or not all(0 < edge <= _MAX_EDGE for edge in self.size):
             raise OptionError(
                 f"a room of size {self.size}: give three lengths above 0 and at most "
-                f"{rounded(_LARGEST)}, in m, as 5, 4, 3"
+                f"{rounded(_MAX_EDGE)}, in m, as 5, 4, 3"
             )
         if len(self.corner) != 3 or not all(map(math.isfinite, self.corner)):
             raise OptionError(f"a corner at {self.corner}: give three coordinates, m")
-        wanted = f"give 0, 1, 2, ... {_MOST_ORDERS}, and leave later ones to a Reverberation"
-        require_number(
-            "order of reflections", self.order, 0, _MOST_ORDERS, whole=True, wanted=wanted
-        )
+        hint = f"give 0, 1, 2, ... {_MOST_ORDERS}, and leave later ones to a Reverberation"
+        require_number("order of reflections", self.order, 0, _MOST_ORDERS, whole=True, wanted=hint)
         self.absorptions()
 
     @property
@@ -169,14 +167,15 @@ class Room:
         points = numbers(name, positions, width=3).reshape(-1, 3)
         low, high = np.array([self.corner, np.add(self.corner, self.size)], np.float64)
         slack = 1e-9 * (high - low)  # a centre of mass is at 0 to rounding alone
-        outside = ~np.all((points >= low - slack) & (points <= high + slack), axis=1)
-        if outside.any():
-            where, low, high = (
-                ", ".join(rounded(x, 4) for x in each) for each in (points[outside][0], low, high)
+        is_outside = ~np.all((points >= low - slack) & (points <= high + slack), axis=1)
+        if is_outside.any():
+            position_text, low, high = (
+                ", ".join(rounded(x, 4) for x in coordinates)
+                for coordinates in (points[is_outside][0], low, high)
             )
             raise OptionError(
-                f"the {name} at {where} m is outside the room, which reaches from {low} to {high} "
-                "m: move it in, or make the room larger"
+                f"the {name} at {position_text} m is outside the room, which reaches from {low} "
+                f"to {high} m: move it in, or make the room larger"
             )
 
     def images(self) -> Images:
@@ -188,8 +187,8 @@ class Room:
         signs = 1.0 - 2 * odd
         offsets = (cell + odd) * np.array(self.size) + 2 * odd * np.array(self.corner)
         # A way over m rooms to the right meets the right wall first, then both in turn.
-        near, far = (np.abs(cell) + (cell < 0)) // 2, (np.abs(cell) + (cell > 0)) // 2
-        counts = np.stack([near, far], axis=2).reshape(-1, 6).astype(np.int64)
+        near_counts, far_counts = (np.abs(cell) + (cell < 0)) // 2, (np.abs(cell) + (cell > 0)) // 2
+        counts = np.stack([near_counts, far_counts], axis=2).reshape(-1, 6).astype(np.int64)
         return Images(signs=signs, offsets=offsets, counts=counts)
 
     @checked
@@ -207,7 +206,7 @@ class Room:
         Returns
         -------
         array (images, taps), float32
-            Of the source itself 1, 0, 0, ...; what is below -100 dB is at -100 dB.
+            1, 0, 0, ... for the source itself; spectra below -100 dB are raised to -100 dB.
 
         Raises
         ------
@@ -219,11 +218,13 @@ class Room:
             raise OptionError(f"filters of {taps} taps: give 1 to {_SPECTRUM // 2}")
         frequencies = sample_rate * np.arange(_SPECTRUM // 2 + 1) / _SPECTRUM
         place = np.log(np.maximum(frequencies, BANDS[0]))
-        kept = [1 - np.interp(place, np.log(BANDS), row) for row in self.absorptions()]
-        logarithms = 0.5 * np.log(np.maximum(kept, _FAINTEST**2))
-        distinct, which = np.unique(self.images().counts, axis=0, return_inverse=True)
-        magnitudes = np.maximum(distinct @ logarithms, math.log(_FAINTEST))
-        return minimum_phase(magnitudes)[which.ravel(), :taps].astype(np.float32)
+        reflected_fractions = [
+            1 - np.interp(place, np.log(BANDS), row) for row in self.absorptions()
+        ]
+        logarithms = 0.5 * np.log(np.maximum(reflected_fractions, _MIN_AMPLITUDE**2))
+        distinct_counts, rows = np.unique(self.images().counts, axis=0, return_inverse=True)
+        magnitudes = np.maximum(distinct_counts @ logarithms, math.log(_MIN_AMPLITUDE))
+        return minimum_phase(magnitudes)[rows.ravel(), :taps].astype(np.float32)
 
     @checked
     def reverberation_time(self, formula: str = "eyring") -> Array:
@@ -257,10 +258,14 @@ class Room:
 
         Parameters
         ----------
-        source, listeners : array (3,), array (listeners, 3)
-            m, scene frame.
-        sample_rate, order : float, int
-            Whole Hz; as of the room.
+        source : array (3,)
+            Position of the source in the scene frame, m.
+        listeners : array (listeners, 3)
+            Positions of the listeners in the scene frame, m.
+        sample_rate : float
+            Whole number of Hz.
+        order : int
+            Largest number of reflections of an image. Default: 12.
 
         Returns
         -------
@@ -305,9 +310,9 @@ def wall_materials() -> Mapping[str, Mapping[str, Any]]:
 def _absorption(wall: Wall) -> Array:
     """Return the absorbed share of the energy of a wall in each band (7,)."""
     if isinstance(wall, str):
-        known = wall_materials()
-        require_choice("walls", wall.strip().lower(), known)
-        return np.array(known[wall.strip().lower()]["absorption"])
+        materials = wall_materials()
+        require_choice("walls", wall.strip().lower(), materials)
+        return np.array(materials[wall.strip().lower()]["absorption"])
     if not 0 <= wall <= 1:
         raise OptionError(f"a wall that absorbs {wall} of the energy: give 0 to 1, or a name")
     return np.full(len(BANDS), float(wall))

@@ -1,6 +1,6 @@
 """Pressure and arrival of sound on a rigid sphere, the simplest head.
 
-Pressures are amplitudes of exp(+i omega t), as in NumPy's ``rfft``: what arrives later has the
+Pressures are amplitudes of exp(+i omega t), as in NumPy's ``rfft``: a later arrival has the
 more negative phase. Angles are between source and ear, seen from the sphere's centre, in radians:
 0 is the point that faces the source.
 
@@ -12,8 +12,8 @@ the other sign of time)
     H = -(rho / x) exp(i x rho) sum_n (2 n + 1) P_n(cos angle) h_n(x rho) / h_n'(x).
 
 SciPy's Hankel functions overflow beyond moderate orders, their ratios s_n(x) = x h_n(x) /
-h_{n-1}(x) do not: they start at s_1 = 1 + i x, go on as s_{n+1} = 2 n + 1 - x^2 / s_n, and turn the
-series into
+h_{n-1}(x) do not: they start at s_1 = 1 + i x, continue as s_{n+1} = 2 n + 1 - x^2 / s_n, and turn
+the series into
 
     H = sum_n (2 n + 1) P_n(cos angle) c_n / (s_{n+1}(x) - n),
     c_0 = exp(i x),  c_n = c_{n-1} s_n(x rho) / (rho s_n(x)),
@@ -68,8 +68,8 @@ def distance_gain(
     The distance variation function of Kan, Jin & van Schaik 2009, JASA 125(4), 2233: pressures are
     relative to the free field at the head's centre, so that the law 1/r is not in it.
     """
-    here = pressure(frequencies, angles, distance, radius, sound_speed)
-    return np.abs(here / pressure(frequencies, angles, reference, radius, sound_speed))
+    pressures = pressure(frequencies, angles, distance, radius, sound_speed)
+    return np.abs(pressures / pressure(frequencies, angles, reference, radius, sound_speed))
 
 
 def arrival_delay(
@@ -85,13 +85,17 @@ def arrival_delay(
     distances (m). Continuous with its slope at the shadow's edge, with a corner opposite to the
     source.
     """
-    nearby = nearness(distances, radius)
+    radius_ratio = nearness(distances, radius)
     angle = np.asarray(angles, dtype=np.float64)
-    # Differences of ways that may be long, written without differences.
-    seen = np.sqrt(1 + nearby**2 - 2 * nearby * np.cos(angle))
-    straight = (nearby - 2 * np.cos(angle)) / (1 + seen)
-    around = angle - np.arccos(nearby) - nearby / (1 + np.sqrt(1 - nearby**2))
-    return _crossing(radius, sound_speed) * np.where(np.cos(angle) >= nearby, straight, around)
+    # Differences of path lengths, written without cancellation.
+    distance_ratio = np.sqrt(1 + radius_ratio**2 - 2 * radius_ratio * np.cos(angle))
+    straight_delay = (radius_ratio - 2 * np.cos(angle)) / (1 + distance_ratio)
+    diffracted_delay = (
+        angle - np.arccos(radius_ratio) - radius_ratio / (1 + np.sqrt(1 - radius_ratio**2))
+    )
+    return _crossing(radius, sound_speed) * np.where(
+        np.cos(angle) >= radius_ratio, straight_delay, diffracted_delay
+    )
 
 
 def nearness(distances: ArrayLike | None, radius: float) -> Array:
@@ -105,22 +109,22 @@ def nearness(distances: ArrayLike | None, radius: float) -> Array:
     return radius / far
 
 
-def _coefficients(ka: Array, nearby: Array) -> Iterator[Complex]:
+def _coefficients(ka: Array, radius_ratio: Array) -> Iterator[Complex]:
     """Yield the factors (F,) of the Legendre polynomials, until no more than REMAINDER is left."""
     size = np.exp(1j * ka)
     at_sphere = 1 + 1j * ka
-    at_source = nearby + 1j * ka
+    at_source = radius_ratio + 1j * ka
     order, left = 0, np.inf
     # Beyond order ka, terms fall at least as fast as nearness^order.
     while order <= np.max(ka) or left > REMAINDER:
         term = (2 * order + 1) * size / (at_sphere - order)
         yield term
-        left = np.max(np.abs(term)) / (1 - nearby)
+        left = np.max(np.abs(term)) / (1 - radius_ratio)
         order += 1
         size = size * at_source / at_sphere
         at_sphere = 2 * order + 1 - ka**2 / at_sphere
-        if nearby > 0:
-            at_source = (2 * order + 1) * nearby - ka**2 / at_source
+        if radius_ratio > 0:
+            at_source = (2 * order + 1) * radius_ratio - ka**2 / at_source
 
 
 def _checked_frequencies(frequencies: ArrayLike) -> Array:

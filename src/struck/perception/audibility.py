@@ -24,13 +24,13 @@ from struck.perception.sonic_distance import (
     surface_of,
 )
 
-# Spread over the surface where nobody says which contacts count.
+# Contacts spread over the surface if none are given.
 _CONTACTS = 256
-_SPREAD = 1024  # contacts over which the loss by a number of modes is told
+_SPREAD = 1024  # contacts over which the loss by a budget of modes is computed
 # Filters a quarter of their bandwidth apart see what a mode adds between two others.
 _FINE = 0.25
-# How much a change of a kept mode counts against what it mends: without it, modes that share a
-# filter at all contacts would trade their energies at will.
+# Weight of the change of a selected mode: without it, the energies of modes that share a filter at
+# all contacts would not be determined.
 _STAYING = 0.05
 _REFERENCES = ("glasberg1990", "terhardt1979", "fastl2007")
 
@@ -47,16 +47,16 @@ def audible(
     hearing = HeardModel.at(model, listener, level)
     intensities = _intensities(model, contacts, hearing)
     cases = intensities.reshape(-1, intensities.shape[2])
-    kept = np.flatnonzero(~_left_out(model.frequencies, cases))
-    if len(kept) == len(model.frequencies):
+    modes = np.flatnonzero(~_left_out(model.frequencies, cases))
+    if len(modes) == len(model.frequencies):
         return model
-    if not len(kept):
+    if not len(modes):
         raise OptionError(
-            f"level is {hearing.level:g}: none of {len(model.frequencies)} modes is heard"
+            f"level is {hearing.level:g}: none of {len(model.frequencies)} modes is audible"
         )
-    factors = _solved(model.frequencies, cases, kept)
+    factors = _solved(model.frequencies, cases, modes)
     loss = f"are not heard when the loudest contact reaches {hearing.level:g} dB"
-    return _of_modes(model, kept, factors, loss, audible_level=hearing.level)
+    return _of_modes(model, modes, factors, loss, audible_level=hearing.level)
 
 
 @checked
@@ -65,13 +65,13 @@ def budgeted(
 ) -> ModalModel:
     """Return a model within a budget of modes: the ones loudest over contacts.
 
-    A mode counts by its share of the energy behind the ear's filters, the mean over contacts all
-    over the surface. What is left out is told in `provenance`, in dB of sonic distance.
+    Modes are ranked by their fraction of the energy behind the ear's filters, averaged over
+    contacts spread over the surface. `provenance` gives the loss, in dB of sonic distance.
 
     Raises
     ------
     OptionError
-        On less than one mode, or a model without mode shapes.
+        If modes is less than 1, or the model has no mode shapes.
     """
     require_budget(modes)
     if modes is None or (count := len(model.frequencies)) <= modes:
@@ -81,39 +81,58 @@ def budgeted(
             f"modes is {modes} of {count}, and this model has no mode shapes: leave modes out "
             "where it was made, as by struck.fit(modes=)"
         )
-    named = [model.contact(place) for place in model.places]
-    own = [each.point for each in named], [each.direction for each in named]
-    over, hearing = contacts_over(surface_of(model), _SPREAD), HeardModel.at(model, listener)
-    contacts = [np.concatenate([a, np.reshape(b, (-1, 3))]) for a, b in zip(over, own, strict=True)]
-    before = hearing.intensities(*contacts)
+    named_contacts = [model.contact(place) for place in model.places]
+    named_pushes = (
+        [contact.point for contact in named_contacts],
+        [contact.direction for contact in named_contacts],
+    )
+    surface_pushes, hearing = (
+        contacts_over(surface_of(model), _SPREAD),
+        HeardModel.at(model, listener),
+    )
+    contacts = [
+        np.concatenate([a, np.reshape(b, (-1, 3))])
+        for a, b in zip(surface_pushes, named_pushes, strict=True)
+    ]
+    full_intensities = hearing.intensities(*contacts)
     centres = filter_centres()
     passing = spreading(model.frequencies, centres)
-    around = before.reshape(-1, count) @ passing.T + 10 ** (threshold_in_quiet(centres) / 10)
-    share = before.reshape(-1, count) * ((1 / around) @ passing)
-    kept = np.sort(np.argsort(-share.mean(axis=0), kind="stable")[:modes])
-    fewer = _of_modes(model, kept, np.ones(modes), "are beyond the number asked for")
-    after = HeardModel.at(fewer, listener).intensities(*contacts)
+    excitations = full_intensities.reshape(-1, count) @ passing.T + 10 ** (
+        threshold_in_quiet(centres) / 10
+    )
+    energy_fractions = full_intensities.reshape(-1, count) * ((1 / excitations) @ passing)
+    chosen_modes = np.sort(np.argsort(-energy_fractions.mean(axis=0), kind="stable")[:modes])
+    reduced_model = _of_modes(
+        model, chosen_modes, np.ones(modes), "are beyond the number asked for"
+    )
+    reduced_intensities = HeardModel.at(reduced_model, listener).intensities(*contacts)
     distances = erb_distance(
-        band_excess(model.frequencies, before), band_excess(fewer.frequencies, after)
+        band_excess(model.frequencies, full_intensities),
+        band_excess(reduced_model.frequencies, reduced_intensities),
     )
-    most, middle = float(distances.max()), float(np.median(distances))
-    told = (
-        f"which changes none of {len(before)} contacts by more than {most:.2f} dB of sonic distance"
+    max_distance, median_distance = float(distances.max()), float(np.median(distances))
+    effect = (
+        f"which changes none of {len(full_intensities)} contacts by more than "
+        f"{max_distance:.2f} dB of sonic distance"
     )
-    lost = f"{fewer.provenance.dropped[-1]}, {told} ({middle:.2f} dB in the median)"
-    dropped = (*fewer.provenance.dropped[:-1], lost)
-    made = replace(fewer.provenance, dropped=dropped).extended(budget_distance=most)
-    return replace(fewer, provenance=made)
+    loss = (
+        f"{reduced_model.provenance.dropped[-1]}, {effect} ({median_distance:.2f} dB in the median)"
+    )
+    notes = (*reduced_model.provenance.dropped[:-1], loss)
+    provenance = replace(reduced_model.provenance, dropped=notes).extended(
+        budget_distance=max_distance
+    )
+    return replace(reduced_model, provenance=provenance)
 
 
 def within_budget(
     modes: int | None,
     work: Callable[..., ModalModel],
-    **given: Any,  # noqa: ANN401 - of the work
+    **arguments: Any,  # noqa: ANN401 - of the work
 ) -> ModalModel:
     """Return the model that `work` makes of its arguments, within a budget of modes."""
     require_budget(modes)
-    return budgeted(work(**given), modes)
+    return budgeted(work(**arguments), modes)
 
 
 def require_budget(modes: int | None) -> None:
@@ -128,8 +147,11 @@ def _intensities(model: ModalModel, contacts: Sequence[Place] | None, hearing: H
         return hearing.intensities(*contacts_over(surface_of(model), _CONTACTS))
     if isinstance(contacts, str) or not len(contacts):
         raise OptionError(f"contacts are {contacts!r}: give a list of at least one place")
-    found = [model.contact(place) for place in contacts]
-    points, directions = ([each.point for each in found], [each.direction for each in found])
+    resolved_contacts = [model.contact(place) for place in contacts]
+    points, directions = (
+        [contact.point for contact in resolved_contacts],
+        [contact.direction for contact in resolved_contacts],
+    )
     return hearing.intensities(np.stack(points), np.stack(directions))
 
 
@@ -139,62 +161,62 @@ def _left_out(frequencies: Array, intensities: Array) -> NDArray[np.bool_]:
     # the threshold that the others leave: in quiet, and a just noticeable share of excitation.
     centres = filter_centres(_FINE)
     passing = spreading(frequencies, centres)
-    quiet = 10 ** (threshold_in_quiet(centres) / 10)
-    room = (quiet + JUST_NOTICED * (intensities @ passing.T)) / (1 + JUST_NOTICED)
+    threshold = 10 ** (threshold_in_quiet(centres) / 10)
+    room = (threshold + JUST_NOTICED * (intensities @ passing.T)) / (1 + JUST_NOTICED)
     prominence = [
-        (case[:, None] * share / room).max()
-        for case, share in zip(intensities.T, passing.T, strict=True)
+        (case[:, None] * filter_weights / room).max()
+        for case, filter_weights in zip(intensities.T, passing.T, strict=True)
     ]
     out = np.zeros(len(frequencies), np.bool_)
     for mode in np.argsort(prominence, kind="stable"):
-        less = room - intensities[:, mode, None] * passing[:, mode]
-        if less.min() >= 0:
-            room, out[mode] = less, True
+        remaining_room = room - intensities[:, mode, None] * passing[:, mode]
+        if remaining_room.min() >= 0:
+            room, out[mode] = remaining_room, True
     return out
 
 
-def _solved(frequencies: Array, intensities: Array, kept: Index) -> Array:
+def _solved(frequencies: Array, intensities: Array, modes: Index) -> Array:
     """Return factors for the intensities of the modes that stay, given all intensities (C, M)."""
     from scipy.optimize import nnls
 
     centres = filter_centres()
     passing = spreading(frequencies, centres)
-    quiet = 10 ** (threshold_in_quiet(centres) / 10)
-    matrix, aim = np.zeros((len(kept), len(kept))), np.zeros(len(kept))
+    threshold = 10 ** (threshold_in_quiet(centres) / 10)
+    matrix, aim = np.zeros((len(modes), len(modes))), np.zeros(len(modes))
     for case in intensities:
         excitation = passing @ case
-        shares = passing[:, kept] * case[kept] / (excitation + quiet)[:, None]
+        shares = passing[:, modes] * case[modes] / (excitation + threshold)[:, None]
         matrix += shares.T @ shares
-        aim += (excitation / (excitation + quiet)) @ shares
-    pull = _STAYING * np.trace(matrix) / len(kept)
-    root = np.linalg.cholesky(matrix + pull * np.eye(len(kept)))
-    factors, _ = nnls(root.T, np.linalg.solve(root, aim + pull))
+        aim += (excitation / (excitation + threshold)) @ shares
+    regularisation = _STAYING * np.trace(matrix) / len(modes)
+    root = np.linalg.cholesky(matrix + regularisation * np.eye(len(modes)))
+    factors, _ = nnls(root.T, np.linalg.solve(root, aim + regularisation))
     return factors
 
 
 def _of_modes(
-    model: ModalModel, kept: Index, factors: Array, why: str, **details: object
+    model: ModalModel, modes: Index, factors: Array, reason: str, **details: object
 ) -> ModalModel:
-    lost = np.setdiff1d(np.arange(len(model.frequencies)), kept)
-    loss = f"{len(lost)} of {len(model.frequencies)} modes {why}"
+    lost_modes = np.setdiff1d(np.arange(len(model.frequencies)), modes)
+    loss = f"{len(lost_modes)} of {len(model.frequencies)} modes {reason}"
     slopes, errors = model.poisson_slopes, model.errors
     return replace(
         model,
-        frequencies=model.frequencies[kept],
-        natural_frequencies=model.natural_frequencies[kept],
-        decays=model.decays[kept],
-        gains=_weighted(model.gains, kept, factors),
-        poisson_slopes=None if slopes is None else slopes[kept],
-        errors=None if errors is None else errors[kept],
-        complete_to=min(model.complete_to, float(model.natural_frequencies[lost].min())),
+        frequencies=model.frequencies[modes],
+        natural_frequencies=model.natural_frequencies[modes],
+        decays=model.decays[modes],
+        gains=_weighted(model.gains, modes, factors),
+        poisson_slopes=None if slopes is None else slopes[modes],
+        errors=None if errors is None else errors[modes],
+        complete_to=min(model.complete_to, float(model.natural_frequencies[lost_modes].min())),
         provenance=model.provenance.extended(references=_REFERENCES, dropped=(loss,), **details),
     )
 
 
-def _weighted(gains: Gains, kept: Index, factors: Array) -> ShapeGains:
+def _weighted(gains: Gains, modes: Index, factors: Array) -> ShapeGains:
     """Return the gains of some modes, their squares multiplied by `factors`."""
     if not isinstance(gains, ShapeGains):
         raise OptionError("this model has no mode shapes: leave modes out where it was made")
     # Half goes to the contact side and half to the listener's: as for a mode of less mass, whose
-    # shape, and what it radiates, grow alike.
-    return gains.weighted(kept, factors**0.25)
+    # shape and radiation grow by the same factor.
+    return gains.weighted(modes, factors**0.25)

@@ -111,6 +111,6 @@ def _between_rows(frequencies: Array, levels: Array) -> Array:
     """Return levels at any frequencies, Hz, from levels at the rows of the ISO 226 table."""
     rows = _ISO_226[0]
     within = np.clip(frequencies, rows[0], rows[-1])
-    # Beyond 20 Hz and 12.5 kHz it goes on in parallel to the threshold in quiet.
+    # Beyond 20 Hz and 12.5 kHz the contour runs parallel to the threshold in quiet.
     beyond = threshold_in_quiet(frequencies) - threshold_in_quiet(within)
     return np.interp(np.log(within), np.log(rows), levels) + beyond

@@ -23,12 +23,12 @@ from struck.perception.auditory_scale import (
     threshold_in_quiet,
 )
 
-LEVEL = 85.0  # What the loudest contact of a body reaches unless somebody says otherwise, dB
+LEVEL = 85.0  # default level of the loudest contact of a body, dB
 
-_LOUDEST = 300.0  # dB
+_MAX_LEVEL = 300.0  # dB
 _SAMPLES = 1000
 # Steps of the most even sequence in a square: powers of the inverse of the plastic number.
-_EVEN = np.array([0.7548776662466927, 0.5698402909980532])
+_EVEN_STEPS = np.array([0.7548776662466927, 0.5698402909980532])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -39,7 +39,7 @@ class HeardModel:
     listeners: Array  # (L, 3), m
     outputs: Complex  # (L, R, M): of its gains, toward the listeners
     level: float  # of the loudest contact at the loudest listener, dB re 20 micropascal
-    # (M,): what the square of a gain counts for, the mean square of its ringing over the ear's
+    # (M,): factor on the square of a gain, the mean square of its ringing over the ear's
     # integration time at the calibrated level, over that of 20 micropascal
     weights: Array
 
@@ -49,30 +49,30 @@ class HeardModel:
     ) -> HeardModel:
         """Put ears somewhere and turn the volume so that the loudest contact reaches `level`."""
         listeners = _places(model, listener)
-        wanted = LEVEL if level is None else level
-        way = "give dB re 20 micropascal, such as 85"
-        require_number("level", wanted, -_LOUDEST, _LOUDEST, wanted=way)
+        target_level = LEVEL if level is None else level
+        hint = "give dB re 20 micropascal, such as 85"
+        require_number("level", target_level, -_MAX_LEVEL, _MAX_LEVEL, wanted=hint)
         if not len(model.frequencies):
             raise OptionError("the model has 0 modes, so there is nothing to hear: widen its band")
-        heard = cls(
+        hearing = cls(
             model=model,
             listeners=listeners,
             outputs=model.gains.toward(listeners),
-            level=wanted,
+            level=target_level,
             weights=integrated(model.decays) / (2 * REFERENCE_PRESSURE**2),
         )
-        more = wanted - heard.loudest(*contacts_over(surface_of(model), _SAMPLES))
-        return replace(heard, weights=heard.weights * 10 ** (more / 10))
+        level_change = target_level - hearing.loudest(*contacts_over(surface_of(model), _SAMPLES))
+        return replace(hearing, weights=hearing.weights * 10 ** (level_change / 10))
 
     def loudest(self, points: Array, directions: Array) -> float:
         """Return the level of the loudest of some contacts at the loudest listener, dB."""
-        most = self.intensities(points, directions).sum(axis=2).max(initial=0)
-        if not (np.isfinite(most) and most > 0):
+        intensity = self.intensities(points, directions).sum(axis=2).max(initial=0)
+        if not (np.isfinite(intensity) and intensity > 0):
             raise OptionError(
-                f"the loudest contact has an intensity of {most}: no push along the surface's "
+                f"the loudest contact has an intensity of {intensity}: no push along the surface's "
                 "normals sounds, so its level cannot be set"
             )
-        return float(decibels(most))
+        return float(decibels(intensity))
 
     def gains(self, points: Array, directions: Array) -> Complex:
         """Return gains of unit impulses at points (K, 3) along directions (K, 3): (K, L, M)."""
@@ -85,17 +85,17 @@ class HeardModel:
     def amplitudes(self, points: Array, directions: Array) -> Array:
         """Return real parts (K, P) whose squares add up to the first listener's intensities."""
         # Linear in the gains: P = M where a mode's phase is the same for all contacts, else 2 M.
-        loud = np.sqrt(self.weights)
+        weight_roots = np.sqrt(self.weights)
         drives = self.model.gains.at(points, directions)
         if self.outputs.shape[1] == 1:
-            return drives[:, 0] * (np.abs(self.outputs[0, 0]) * loud)
-        gains = np.einsum("krm,rm->km", drives, self.outputs[0]) * loud
+            return drives[:, 0] * (np.abs(self.outputs[0, 0]) * weight_roots)
+        gains = np.einsum("krm,rm->km", drives, self.outputs[0]) * weight_roots
         return np.concatenate([gains.real, gains.imag], axis=1)
 
     def passing(self, centres: Array) -> Array:
         """Return the share of the squares of `amplitudes` that passes the ear's filters (B, P)."""
-        share = spreading(self.model.frequencies, centres)
-        return share if self.outputs.shape[1] == 1 else np.tile(share, 2)
+        fractions = spreading(self.model.frequencies, centres)
+        return fractions if self.outputs.shape[1] == 1 else np.tile(fractions, 2)
 
 
 def surface_of(model: ModalModel) -> Mesh:
@@ -107,13 +107,13 @@ def surface_of(model: ModalModel) -> Mesh:
 
 def contacts_over(mesh: Mesh, count: int) -> tuple[Array, Array]:
     """Return points (K, 3) spread evenly over a surface, and the directions straight into it."""
-    filled = np.cumsum(mesh.areas)
-    spots = (np.arange(count) + 0.5) * filled[-1] / count
-    faces = np.minimum(np.searchsorted(filled, spots), len(mesh.faces) - 1)
-    along, across = ((np.arange(count)[:, None] + 0.5) * _EVEN % 1.0).T
-    beyond = along + across > 1  # a square folded onto a triangle
-    along, across = np.where(beyond, 1 - along, along), np.where(beyond, 1 - across, across)
-    weights = np.stack([1 - along - across, along, across], axis=1)
+    cumulative_areas = np.cumsum(mesh.areas)
+    positions = (np.arange(count) + 0.5) * cumulative_areas[-1] / count
+    faces = np.minimum(np.searchsorted(cumulative_areas, positions), len(mesh.faces) - 1)
+    u, v = ((np.arange(count)[:, None] + 0.5) * _EVEN_STEPS % 1.0).T
+    is_beyond = u + v > 1  # a square folded onto a triangle
+    u, v = np.where(is_beyond, 1 - u, u), np.where(is_beyond, 1 - v, v)
+    weights = np.stack([1 - u - v, u, v], axis=1)
     points = np.einsum("kc,kcd->kd", weights, mesh.points[mesh.faces[faces]])
     return points, -mesh.face_normals[faces]
 
@@ -133,7 +133,7 @@ METHODS = ("erb", "doel1998", "doel1998-mean")
 
 # Filters a half of their bandwidth apart: every tone passes the nearest with a loss below 1.4 dB.
 _STEP = 0.5
-_LOWEST, _HIGHEST = 20.0, 20_000.0
+_MIN_FREQUENCY, _MAX_FREQUENCY = 20.0, 20_000.0
 
 
 @checked
@@ -150,8 +150,8 @@ def sonic_distance(
     """Return the difference between two impacts as heard, dB (see `struck.sonic_distance`)."""
     require_choice("method", method, METHODS)
     hearing = HeardModel.at(a, listener, level)
-    other = hearing if a is b else HeardModel.at(b, listener, level)
-    first, second = _struck(hearing, at), _struck(other, at if against is None else against)
+    other_hearing = hearing if a is b else HeardModel.at(b, listener, level)
+    first, second = _struck(hearing, at), _struck(other_hearing, at if against is None else against)
     if method == "erb":
         return erb_distance(
             band_excess(a.frequencies, first), band_excess(b.frequencies, second)
@@ -161,8 +161,8 @@ def sonic_distance(
 
 
 def filter_centres(step: float = _STEP) -> Array:
-    """Return the middles of the ear's filters, every `step` of their bandwidth, Hz (B,)."""
-    low, high = erb_number([_LOWEST, _HIGHEST]) / step
+    """Return the centre frequencies of the ear's filters, every `step` bandwidths, Hz (B,)."""
+    low, high = erb_number([_MIN_FREQUENCY, _MAX_FREQUENCY]) / step
     return frequency_of(np.arange(np.ceil(low), np.floor(high) + 1) * step)
 
 
@@ -174,16 +174,18 @@ def band_excess(frequencies: Array, intensities: Array) -> Array:  # (M,), Hz, a
 
 
 def erb_distance(first: Array, second: Array) -> Array:
-    """Return the root mean square difference of two excesses (..., B) where either is heard."""
-    heard = np.count_nonzero((first > 0) | (second > 0), axis=-1)
-    return np.sqrt(np.square(first - second).sum(axis=-1) / np.maximum(heard, 1))
+    """Return the rms difference of two excesses (..., B), over the bands in which either is > 0."""
+    filter_counts = np.count_nonzero((first > 0) | (second > 0), axis=-1)
+    return np.sqrt(np.square(first - second).sum(axis=-1) / np.maximum(filter_counts, 1))
 
 
 def doel_distance(frequencies: Array, first: Array, second: Array, *, mean: bool) -> float:
     """Return the distance of 1998, section 5, of two sets of intensities (M,), dB."""
     weights = sensitivity(frequencies)
-    quiet = threshold_in_quiet(frequencies)
-    one, other = (np.maximum(decibels(each) - quiet, 0.0) for each in (first, second))
+    thresholds = threshold_in_quiet(frequencies)
+    one, other = (
+        np.maximum(decibels(intensities) - thresholds, 0.0) for intensities in (first, second)
+    )
     total = weights @ np.square(one - other)
     return float(np.sqrt(total / weights.sum() if mean else total))
 
@@ -198,6 +200,6 @@ def _require_common(a: ModalModel, b: ModalModel) -> None:
     one, other = a.frequencies, b.frequencies
     if len(one) != len(other) or not np.allclose(one, other, rtol=1e-9, atol=0):
         raise OptionError(
-            f"models of {len(one)} and {len(other)} modes at frequencies of their own have no "
+            f"models of {len(one)} and {len(other)} modes at different frequencies have no "
             "common set of modes, which the distance of 1998 sums over: take method='erb'"
         )

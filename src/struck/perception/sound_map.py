@@ -26,22 +26,22 @@ MOST_TRIANGLES = 300_000
 
 # A triangle whose own timbre leaves no more than this share of the threshold is not cut further
 # before a contact is chosen in it. Less cuts finer and needs fewer contacts.
-_SHARE = 0.33
+_TIMBRE_FRACTION = 0.33
 # Timbres compared at a time; of them, those are taken that suit this share of what the best does.
 _POOL, _WORTH = 48, 0.5
 # Farther than this share of the threshold at its centroid, no timbre is tried on a triangle: it
-# would hardly suit everywhere within it.
-_HOPE = 0.85
+# would exceed the threshold elsewhere in it.
+_TRIAL_FRACTION = 0.85
 
-# A parabola through the corners is largest at the centroid, 4/3 of the greatest that the middles
-# of the edges show; the rest is for what is no parabola.
-_CURVED = 2.0
-_AT_ONCE = 2_000_000  # numbers in the largest array, so that memory does not grow with the body
+# A parabola through the corners is largest at the centroid, 4/3 of the largest value at the
+# midpoints of the edges; the rest is for deviations from a parabola.
+_CURVATURE_FACTOR = 2.0
+_MAX_VALUES = 2_000_000  # numbers in the largest array, so that memory does not grow with the body
 # Amplitudes over that of 20 micropascal: at -120 dB nothing is left but rounding. Taking it for
 # silence moves levels at the threshold by less than the slack, dB.
 _SILENT, _SLACK = 1e-6, 1e-4
 _TINY = 1e-300
-_ALIKE, _FLATTEST = 0.7, 100.0
+_WIDTH_FRACTION, _MAX_FLATNESS = 0.7, 100.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -101,7 +101,7 @@ class SoundMap:
 
     def __post_init__(self) -> None:
         stored, modes, faces = len(self.contacts), len(self.frequencies), len(self.surface.faces)
-        wanted = {
+        shapes = {
             "decays": (modes,),
             "contacts": (stored, 3),
             "directions": (stored, 3),
@@ -111,17 +111,19 @@ class SoundMap:
             "factors": (faces, 3),
             "brightness": (faces, 3),
         }
-        for name, shape in wanted.items():
+        for name, shape in shapes.items():
             if np.shape(getattr(self, name)) != shape:
-                found = np.shape(getattr(self, name))
-                raise OptionError(f"{name} are {found}, not {shape}: make the map again")
+                actual_shape = np.shape(getattr(self, name))
+                raise OptionError(f"{name} are {actual_shape}, not {shape}: make the map again")
         if not (self.owners.min() >= 0 and self.owners.max() < stored):
             raise OptionError(f"triangles take sounds beyond the {stored} stored: make it again")
 
     def __repr__(self) -> str:
         contacts, modes = counted(len(self.contacts), "contact"), len(self.frequencies)
-        told = f"{contacts} of {counted(modes, 'mode')}, no other farther than {self.bound:.2f} dB"
-        return f"SoundMap({told})"
+        description = (
+            f"{contacts} of {counted(modes, 'mode')}, no other farther than {self.bound:.2f} dB"
+        )
+        return f"SoundMap({description})"
 
     @cached_property
     def locator(self) -> Surface:
@@ -190,12 +192,12 @@ class SoundMap:
         """
         data = read_bytes(path)
         try:
-            found = from_bytes(data, (SoundMap, Mesh))
+            content = from_bytes(data, (SoundMap, Mesh))
         except FileFormatError as error:
             raise FileFormatError(f"{path}: {error}") from error
-        if not isinstance(found, cls):
+        if not isinstance(content, cls):
             raise FileFormatError(f"{path} holds no sound map: save one with SoundMap.save")
-        return found
+        return content
 
 
 @checked
@@ -208,29 +210,29 @@ def sound_map(
     progress: Progress = silent,
 ) -> SoundMap:
     """Choose the fewest contacts that cover a body, and their sounds (see `struck.sound_map`)."""
-    wanted = "it must exceed 0, such as 3, and 0.1 dB is the least that is told apart"
-    require_number("threshold_db", threshold_db, 0.1, wanted=wanted)
+    hint = "it must exceed 0, such as 3, and 0.1 dB is the least that is told apart"
+    require_number("threshold_db", threshold_db, 0.1, wanted=hint)
     surface = surface_of(model)
-    heard = HeardModel.at(model, listener, level)
-    if len(heard.listeners) > 1:
-        raise OptionError(f"{len(heard.listeners)} listeners are given: make a map for each")
-    cover = covered(Ear.of(heard), surface, threshold_db, progress)
-    loud = np.linalg.norm(heard.amplitudes(cover.points, cover.directions), axis=1)
+    hearing = HeardModel.at(model, listener, level)
+    if len(hearing.listeners) > 1:
+        raise OptionError(f"{len(hearing.listeners)} listeners are given: make a map for each")
+    cover = covered(Ear.of(hearing), surface, threshold_db, progress)
+    contact_amplitudes = np.linalg.norm(hearing.amplitudes(cover.points, cover.directions), axis=1)
     points, numbers = np.unique(cover.corners.reshape(-1, 3), axis=0, return_inverse=True)
     return SoundMap(
         frequencies=model.frequencies,
         decays=model.decays,
         contacts=cover.points,
         directions=cover.directions,
-        gains=heard.gains(cover.points, cover.directions)[:, 0],
+        gains=hearing.gains(cover.points, cover.directions)[:, 0],
         calibrated=model.calibrated,
-        listener=heard.listeners[0],
-        level=heard.level,
+        listener=hearing.listeners[0],
+        level=hearing.level,
         threshold=float(threshold_db),
         bound=float(cover.misfits.max()),
         surface=Mesh(points=points, faces=numbers.reshape(-1, 3), up=surface.up),
         owners=cover.owners,
-        factors=cover.amplitudes / loud[cover.owners][:, None],
+        factors=cover.amplitudes / contact_amplitudes[cover.owners][:, None],
         brightness=cover.brightness,
     )
 
@@ -250,9 +252,9 @@ class Cover(NamedTuple):
 _Contact = tuple[Array, Array, Array]  # point (3,), direction (3,) and timbre (B,)
 
 
-def _contact(facets: Facets, which: int) -> _Contact:
+def _contact(facets: Facets, facet: int) -> _Contact:
     """Return the contact at the centroid of a facet."""
-    return facets.corners[which].mean(axis=0), facets.directions[which], facets.timbres[which]
+    return facets.corners[facet].mean(axis=0), facets.directions[facet], facets.timbres[facet]
 
 
 def covered(ear: Ear, surface: Mesh, threshold: float, progress: Progress = silent) -> Cover:
@@ -263,10 +265,10 @@ def covered(ear: Ear, surface: Mesh, threshold: float, progress: Progress = sile
     # halved, across the edge along which the sound changes most.
     left = Facets.of(ear, surface.points[surface.faces], -surface.face_normals)
     chosen = [_contact(left, int(left.amplitudes.mean(axis=1).argmax()))]
-    done: list[list[NDArray[Any]]] = []
-    count, whole = 0, _area(left.corners)
+    finished_parts: list[list[NDArray[Any]]] = []
+    count, total_area = 0, _area(left.corners)
     while len(left):
-        progress("choosing contacts", 1 - _area(left.corners) / whole)
+        progress("choosing contacts", 1 - _area(left.corners) / total_area)
         if count + len(left) > MOST_TRIANGLES:
             raise OptionError(
                 f"threshold_db is {threshold:g}: the surface would be cut into "
@@ -277,14 +279,14 @@ def covered(ear: Ear, surface: Mesh, threshold: float, progress: Progress = sile
         owners = left.distances(ear.quiet, timbres).argmin(axis=1)
         misfits = left.misfits(ear.quiet, timbres[owners])
         _choose(ear, left, owners, misfits, chosen, threshold)
-        suited = misfits <= threshold
+        is_suited = misfits <= threshold
         parts = (left.corners, left.amplitudes, left.brightness, owners, misfits)
-        done.append([part[suited] for part in parts])
-        count += int(suited.sum())
-        left = left.taken(~suited)
+        finished_parts.append([part[is_suited] for part in parts])
+        count += int(is_suited.sum())
+        left = left.taken(~is_suited)
         left = left.halved(ear) if len(left) else left
-    points, directions, _ = (np.stack(each) for each in zip(*chosen, strict=True))
-    return Cover(points, directions, *map(np.concatenate, zip(*done, strict=True)))
+    points, directions, _ = (np.stack(values) for values in zip(*chosen, strict=True))
+    return Cover(points, directions, *map(np.concatenate, zip(*finished_parts, strict=True)))
 
 
 def _area(corners: Array) -> float:
@@ -302,41 +304,41 @@ def _choose(
     threshold: float,
 ) -> None:
     """Add timbres to `chosen` until all small facets have one; set `owners` and `misfits`."""
-    small = facets.misfits(ear.quiet, facets.timbres) <= _SHARE * threshold
+    small = facets.misfits(ear.quiet, facets.timbres) <= _TIMBRE_FRACTION * threshold
     while np.any(small & (misfits > threshold)):
         waiting = np.flatnonzero(misfits > threshold)
         able = waiting[small[waiting]]
         pool = able[np.linspace(0, len(able) - 1, min(_POOL, len(able))).astype(np.int64)]
         bounds = _bounds(ear, facets.taken(waiting), facets.timbres[pool], threshold)
-        for pick in _greedy(bounds <= threshold):
-            suits = bounds[:, pick] < misfits[waiting]
-            misfits[waiting[suits]] = bounds[suits, pick]
+        for column in _greedy(bounds <= threshold):
+            suits = bounds[:, column] < misfits[waiting]
+            misfits[waiting[suits]] = bounds[suits, column]
             owners[waiting[suits]] = len(chosen)
-            chosen.append(_contact(facets, int(pool[pick])))
+            chosen.append(_contact(facets, int(pool[column])))
 
 
 def _greedy(suits: NDArray[np.bool_]) -> list[int]:
     """Return columns chosen greedily: each suits the most rows not yet covered."""
-    picks: list[int] = []
+    columns: list[int] = []
     waiting = suits.copy()
-    best = waiting.sum(axis=0).max()
+    best_count = waiting.sum(axis=0).max()
     while True:
         counts = waiting.sum(axis=0)
-        pick = int(counts.argmax())
-        if counts[pick] == 0 or counts[pick] < _WORTH * best:
-            return picks
-        picks.append(pick)
-        waiting &= ~waiting[:, pick : pick + 1]
+        column = int(counts.argmax())
+        if counts[column] == 0 or counts[column] < _WORTH * best_count:
+            return columns
+        columns.append(column)
+        waiting &= ~waiting[:, column : column + 1]
 
 
 def _bounds(ear: Ear, facets: Facets, timbres: Array, threshold: float) -> Array:
     """Return bounds of the misfits with timbres (K, B), infinite where beyond hope: (F, K)."""
-    found = np.full((len(facets), len(timbres)), np.inf)
-    near = facets.distances(ear.quiet, timbres) <= _HOPE * threshold
+    bounds = np.full((len(facets), len(timbres)), np.inf)
+    is_near = facets.distances(ear.quiet, timbres) <= _TRIAL_FRACTION * threshold
     for number, timbre in enumerate(timbres):
-        rows = np.flatnonzero(near[:, number])
-        found[rows, number] = facets.taken(rows).misfits(ear.quiet, timbre[None])
-    return found
+        rows = np.flatnonzero(is_near[:, number])
+        bounds[rows, number] = facets.taken(rows).misfits(ear.quiet, timbre[None])
+    return bounds
 
 
 # Bounds on the sounds of all pushes anywhere within a triangle.
@@ -354,22 +356,24 @@ def _bounds(ear: Ear, facets: Facets, timbres: Array, threshold: float) -> Array
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Ear:
-    """A body as it is heard through the ear's filters."""
+    """A body behind the ear's filters."""
 
-    heard: HeardModel
+    hearing: HeardModel
     passing: Array  # (B, P): the share of each part that passes each filter
     quiet: Array  # (B,): threshold in quiet at the filters, dB
 
     @classmethod
-    def of(cls, heard: HeardModel) -> Ear:
+    def of(cls, hearing: HeardModel) -> Ear:
         """Put the ear's filters behind a heard model."""
         centres = filter_centres()
-        return cls(heard=heard, passing=heard.passing(centres), quiet=threshold_in_quiet(centres))
+        return cls(
+            hearing=hearing, passing=hearing.passing(centres), quiet=threshold_in_quiet(centres)
+        )
 
     def parts(self, points: Array, directions: Array) -> Array:
         """Return amplitudes at points (F, K, 3), one direction (F, 3) for K points: (F, K, P)."""
         along = np.repeat(directions, points.shape[1], axis=0)
-        parts = self.heard.amplitudes(points.reshape(-1, 3), along)
+        parts = self.hearing.amplitudes(points.reshape(-1, 3), along)
         return parts.reshape(*points.shape[:2], -1)
 
     def products(self, one: Array, other: Array) -> Array:
@@ -399,63 +403,69 @@ class Facets:
     @classmethod
     def of(cls, ear: Ear, corners: Array, directions: Array) -> Facets:
         """Measure and bound the sounds of triangles (F, 3, 3) pushed along directions (F, 3)."""
-        count = max(1, _AT_ONCE // (7 * (ear.passing.shape[1] + len(ear.quiet))))
+        count = max(1, _MAX_VALUES // (7 * (ear.passing.shape[1] + len(ear.quiet))))
         starts = range(0, max(1, len(corners)), count)
-        parts = [_looked_at(ear, corners[i : i + count], directions[i : i + count]) for i in starts]
-        names = [each.name for each in fields(cls)]
+        parts = [
+            _measure_facets(ear, corners[i : i + count], directions[i : i + count]) for i in starts
+        ]
+        names = [field.name for field in fields(cls)]
         return cls(**{name: np.concatenate([getattr(p, name) for p in parts]) for name in names})
 
     def __len__(self) -> int:
         return len(self.corners)
 
-    def taken(self, which: Index | NDArray[np.bool_]) -> Facets:
+    def taken(self, rows: Index | NDArray[np.bool_]) -> Facets:
         """Return the facets of some triangles only."""
-        return Facets(**{each.name: getattr(self, each.name)[which] for each in fields(self)})
+        return Facets(**{field.name: getattr(self, field.name)[rows] for field in fields(self)})
 
     def halved(self, ear: Ear) -> Facets:
         """Return two facets for each, cut from the middle of `edges` to the opposite corner."""
         rows = np.arange(len(self))
         start, end, opposite = (self.corners[rows, (self.edges + step) % 3] for step in range(3))
-        middle = (start + end) / 2
-        halves = [(start, middle, opposite), (middle, end, opposite)]
+        midpoints = (start + end) / 2
+        halves = [(start, midpoints, opposite), (midpoints, end, opposite)]
         corners = np.concatenate([np.stack(half, axis=1) for half in halves])
         return Facets.of(ear, corners, np.tile(self.directions, (2, 1)))
 
     def misfits(self, quiet: Array, timbres: Array) -> Array:
         """Return bounds on the sonic distance from one timbre for each (F, B), dB (F,)."""
         # What a filter adds is at most what the interval of timbres leaves, and at most what the
-        # louder of the two exceeds the threshold by. The mean counts filters where either is heard;
-        # of those that may or may not be heard, it takes the ones that make it largest.
-        strongest, weakest = (_levels(each(self.amplitudes, axis=1)) for each in (np.max, np.min))
-        apart = np.maximum(self.most - timbres, timbres - self.least)
-        above = np.maximum(self.loud, strongest[:, None] + timbres) - quiet
-        squares = np.square(np.maximum(np.minimum(apart, above), 0.0))
-        sure = (self.soft > quiet) | (weakest[:, None] + timbres > quiet)
-        return np.sqrt(_largest_mean(squares, sure)) + _SLACK
+        # louder of the two exceeds the threshold by. The mean counts filters where either is above
+        # threshold; of the undecided ones, it counts those that make it largest.
+        max_levels, min_levels = (
+            _levels(extremum(self.amplitudes, axis=1)) for extremum in (np.max, np.min)
+        )
+        deviations = np.maximum(self.most - timbres, timbres - self.least)
+        level_excess = np.maximum(self.loud, max_levels[:, None] + timbres) - quiet
+        squares = np.square(np.maximum(np.minimum(deviations, level_excess), 0.0))
+        is_sure = (self.soft > quiet) | (min_levels[:, None] + timbres > quiet)
+        return np.sqrt(_largest_mean(squares, is_sure)) + _SLACK
 
     def distances(self, quiet: Array, timbres: Array) -> Array:
         """Return the sonic distances at the centroids from timbres (K, B), dB (F, K)."""
         level = _levels(self.amplitudes.mean(axis=1))[:, None]
-        own = np.maximum(level + self.timbres - quiet, 0.0)
-        played = (np.maximum(level + timbre - quiet, 0.0) for timbre in timbres)
-        return np.stack([erb_distance(own, each) for each in played], axis=1)
+        levels = np.maximum(level + self.timbres - quiet, 0.0)
+        played_levels = (np.maximum(level + timbre - quiet, 0.0) for timbre in timbres)
+        return np.stack(
+            [erb_distance(levels, stored_levels) for stored_levels in played_levels], axis=1
+        )
 
 
-def _looked_at(ear: Ear, corners: Array, directions: Array) -> Facets:
+def _measure_facets(ear: Ear, corners: Array, directions: Array) -> Facets:
     places = [corners, (corners + _next(corners)) / 2, corners.mean(axis=1, keepdims=True)]
     parts = ear.parts(np.concatenate(places, axis=1), directions)
-    ends, middles, centroid = parts[:, :3], parts[:, 3:6], parts[:, 6]
-    bent = _CURVED * ear.behind(middles - (ends + _next(ends)) / 2)
+    ends, midpoints, centroid = parts[:, :3], parts[:, 3:6], parts[:, 6]
+    bent = _CURVATURE_FACTOR * ear.behind(midpoints - (ends + _next(ends)) / 2)
     amplitudes = np.linalg.norm(ends, axis=2)
     squares, products = ear.products(ends, ends), ear.products(ends, _next(ends))
     along = (squares + products + np.roll(products, 1, axis=1)) / 3
     least, most, soft, loud = _ranges(squares, along, bent.max(axis=1), amplitudes)
-    widths = _widths(ear, squares, products, bent, ends, middles)
+    widths = _widths(ear, squares, products, bent, ends, midpoints)
     return Facets(
         corners=corners,
         directions=directions,
         amplitudes=amplitudes,
-        brightness=_brightness(ear.heard, ends),
+        brightness=_brightness(ear.hearing, ends),
         timbres=_levels(ear.behind(centroid)) - _levels(np.linalg.norm(centroid, axis=1))[:, None],
         least=least,
         most=most,
@@ -468,46 +478,50 @@ def _looked_at(ear: Ear, corners: Array, directions: Array) -> Facets:
 def _ranges(
     squares: Array,  # (..., k, B): products of the parts of k corners with themselves
     along: Array,  # (..., k, B): and with the mean of all
-    rest: Array,  # (..., B): what straight lines leave out
+    deviation: Array,  # (..., B): deviations from straight lines
     amplitudes: Array,  # (..., k)
 ) -> tuple[Array, Array, Array, Array]:
     """Return bounds of timbres and of levels between corners, behind the filters, dB (..., B)."""
     mean = np.sqrt(np.maximum(along.mean(axis=-2, keepdims=True), 0.0))
-    low = along / np.maximum(mean, _TINY) - rest[..., None, :]
-    high = np.sqrt(squares) + rest[..., None, :]
+    low = along / np.maximum(mean, _TINY) - deviation[..., None, :]
+    high = np.sqrt(squares) + deviation[..., None, :]
     level = _levels(amplitudes)[..., None]
     # A silent corner plays no part in the mediant.
-    dumb = (amplitudes <= _SILENT)[..., None] & (high <= _SILENT)
-    least = np.where(dumb, np.inf, _levels(low) - level).min(axis=-2)
-    most = np.where(dumb, -np.inf, _levels(high) - level).max(axis=-2)
+    is_silent = (amplitudes <= _SILENT)[..., None] & (high <= _SILENT)
+    least = np.where(is_silent, np.inf, _levels(low) - level).min(axis=-2)
+    most = np.where(is_silent, -np.inf, _levels(high) - level).max(axis=-2)
     return least, most, _levels(low.min(axis=-2)), _levels(high.max(axis=-2))
 
 
 def _widths(
-    ear: Ear, squares: Array, products: Array, bent: Array, ends: Array, middles: Array
+    ear: Ear, squares: Array, products: Array, bent: Array, ends: Array, midpoints: Array
 ) -> Array:
     """Return for each edge how wide the interval of audible timbres on it is, dB (F, 3)."""
     amplitudes = np.linalg.norm(ends, axis=2)
-    both = np.stack([squares, _next(squares)], axis=2)
-    along = (both + products[:, :, None]) / 2
+    edge_squares = np.stack([squares, _next(squares)], axis=2)
+    along = (edge_squares + products[:, :, None]) / 2
     corners = np.stack([amplitudes, _next(amplitudes)], axis=2)
-    least, most, _, loud = _ranges(both, along, bent, corners)
-    between = _levels(ear.behind(middles)) - _levels(np.linalg.norm(middles, axis=2))[..., None]
+    least, most, _, loud = _ranges(edge_squares, along, bent, corners)
+    midpoint_timbres = (
+        _levels(ear.behind(midpoints)) - _levels(np.linalg.norm(midpoints, axis=2))[..., None]
+    )
     floor = ear.quiet - _levels(amplitudes.max(axis=1))[:, None, None]
-    above = np.maximum(loud - ear.quiet, 0.0)
-    low = np.maximum(np.minimum(least, between), floor)
-    return np.linalg.norm(np.clip(np.maximum(most, between) - low, 0.0, above), axis=2)
+    level_excess = np.maximum(loud - ear.quiet, 0.0)
+    low = np.maximum(np.minimum(least, midpoint_timbres), floor)
+    return np.linalg.norm(
+        np.clip(np.maximum(most, midpoint_timbres) - low, 0.0, level_excess), axis=2
+    )
 
 
 def _chosen(corners: Array, widths: Array) -> Index:
     """Return the edge of each triangle to halve: the longest of its widest ones."""
-    # Of needles simply the longest: what changes unseen between its ends and its middle would be
-    # closed in on from one side for ever.
+    # Needles are cut at the longest edge: a change between its ends and its midpoint that is not
+    # sampled would otherwise be approached from one side without end.
     sides = _next(corners) - corners
     lengths = np.linalg.norm(sides, axis=2)
     areas = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-    needles = np.square(lengths.max(axis=1)) > _FLATTEST * areas
-    wide = (widths >= _ALIKE * widths.max(axis=1, keepdims=True)) | needles[:, None]
+    needles = np.square(lengths.max(axis=1)) > _MAX_FLATNESS * areas
+    wide = (widths >= _WIDTH_FRACTION * widths.max(axis=1, keepdims=True)) | needles[:, None]
     return np.where(wide, lengths, -1.0).argmax(axis=1)
 
 
@@ -516,24 +530,28 @@ def _next(values: Array) -> Array:
     return np.roll(values, -1, axis=1)
 
 
-def _largest_mean(squares: Array, sure: NDArray[np.bool_]) -> Array:
-    """Return the largest mean over the `sure` columns and any of the others, row by row."""
-    base, counts = np.where(sure, squares, 0.0).sum(axis=1), np.count_nonzero(sure, axis=1)
-    others = np.where(sure, 0.0, squares)
-    mean, more = np.full(len(squares), -1.0), base / np.maximum(counts, 1)
-    while np.any(more > mean):  # those above the mean raise it, until none is left
-        mean = np.maximum(mean, more)
-        above = others > mean[:, None]
-        total = base + np.where(above, others, 0.0).sum(axis=1)
-        more = total / np.maximum(counts + np.count_nonzero(above, axis=1), 1)
+def _largest_mean(squares: Array, is_sure: NDArray[np.bool_]) -> Array:
+    """Return the largest mean over the `is_sure` columns and any of the others, row by row."""
+    base, counts = np.where(is_sure, squares, 0.0).sum(axis=1), np.count_nonzero(is_sure, axis=1)
+    others = np.where(is_sure, 0.0, squares)
+    mean, new_mean = np.full(len(squares), -1.0), base / np.maximum(counts, 1)
+    while np.any(new_mean > mean):  # values above the mean raise it, until none is left
+        mean = np.maximum(mean, new_mean)
+        is_above = others > mean[:, None]
+        total = base + np.where(is_above, others, 0.0).sum(axis=1)
+        new_mean = total / np.maximum(counts + np.count_nonzero(is_above, axis=1), 1)
     return mean
 
 
-def _brightness(heard: HeardModel, ends: Array) -> Array:
-    tones = np.tile(heard.model.frequencies, ends.shape[2] // len(heard.model.frequencies))
+def _brightness(hearing: HeardModel, ends: Array) -> Array:
+    tones = np.tile(hearing.model.frequencies, ends.shape[2] // len(hearing.model.frequencies))
     energies = np.square(ends)
-    whole = energies.sum(axis=2)
-    return np.where(whole > _SILENT**2, (energies @ tones) / np.maximum(whole, _SILENT**2), np.nan)
+    total_energies = energies.sum(axis=2)
+    return np.where(
+        total_energies > _SILENT**2,
+        (energies @ tones) / np.maximum(total_energies, _SILENT**2),
+        np.nan,
+    )
 
 
 def _levels(amplitudes: Array) -> Array:

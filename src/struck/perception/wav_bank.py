@@ -65,9 +65,9 @@ def write_bank(
     """
     require_choice("encoding", encoding, wav.ENCODINGS)
     pushes = zip(sound_map.contacts, sound_map.directions, strict=True)
-    sounds = [_rendered(render, contact, direction) for contact, direction in pushes]
+    sounds = [_render_contact(render, contact, direction) for contact, direction in pushes]
     factor = PEAK / _peak(sounds)
-    place = _made(folder)
+    place = _make_folder(folder)
     digits = len(str(len(sounds) - 1))
     names = [f"contact_{number:0{digits}d}.wav" for number in range(len(sounds))]
     for name, sound in zip(names, sounds, strict=True):
@@ -79,7 +79,7 @@ def write_bank(
     return place / MANIFEST
 
 
-def _made(folder: str | os.PathLike[str]) -> Path:
+def _make_folder(folder: str | os.PathLike[str]) -> Path:
     place = Path(folder)
     try:
         place.mkdir(parents=True, exist_ok=True)
@@ -91,12 +91,13 @@ def _made(folder: str | os.PathLike[str]) -> Path:
 
 
 def _peak(sounds: list[Sound]) -> float:
-    kinds = {(each.sample_rate, each.channels, each.calibrated) for each in sounds}
+    kinds = {(sound.sample_rate, sound.channels, sound.calibrated) for sound in sounds}
     if len(kinds) > 1:
         raise OptionError(
-            f"the sounds come in {len(kinds)} kinds of rate, channels and unit: render all alike"
+            f"the sounds have {len(kinds)} combinations of rate, channels and unit: "
+            "render all alike"
         )
-    peak = max(each.peak for each in sounds)
+    peak = max(sound.peak for sound in sounds)
     if not peak:
         raise OptionError(f"all {len(sounds)} sounds are silent: look at what render returns")
     return peak
@@ -128,9 +129,9 @@ def _manifest(sound_map: SoundMap, names: list[str], sound: Sound, factor: float
     }
 
 
-def _rendered(render: Render, contact: Array, direction: Array) -> Sound:
+def _render_contact(render: Render, contact: Array, direction: Array) -> Sound:
     """Return the result of `render` for a contact, checked to be a Sound."""
-    made = render(contact, direction)
-    if not isinstance(made, Sound):
-        raise OptionError(f"render returned {article(type(made).__name__)}: return a Sound")
-    return made
+    sound = render(contact, direction)
+    if not isinstance(sound, Sound):
+        raise OptionError(f"render returned {article(type(sound).__name__)}: return a Sound")
+    return sound

@@ -10,6 +10,6 @@ from .fit import Fitting as Fitting
 from .fit import fit_recordings as fit_recordings
 from .manifest import Manifest as Manifest
 from .manifest import read_manifest as read_manifest
-from .poles.search import Fitted as Fitted
+from .poles.search import PoleFit as PoleFit
 from .poles.search import fit_poles as fit_poles
 from .takes import Take as Take

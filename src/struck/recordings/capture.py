@@ -20,9 +20,9 @@ from struck.recordings.acceptance import MARGIN, TakeVerdict, examined
 from struck.recordings.capture_plan import CapturePlan, Point
 from struck.recordings.manifest import NAME, ManifestEntry, recorded_so_far
 
-_MOST_LINES = 64  # of a spectrum, by which the best contact is chosen
-_DEEPEST = 50.0  # dB under the strongest line
-_LONGEST = 1.0  # s of a spectrum
+_MAX_LINES = 64  # of a spectrum, by which the best contact is chosen
+_MAX_DEPTH = 50.0  # dB under the strongest line
+_MAX_SECONDS = 1.0  # s of a spectrum
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,10 +44,11 @@ class CapturedTake:
         return self.point.facts(self.hit)
 
     def __str__(self) -> str:
-        told = self.facts
-        places = [f"{what} {told[what]}" for what in ("contact", "listener") if told[what]]
-        again = f", attempt {self.attempt}" if self.attempt > 1 else ""
-        return f"{self.point.name}, hit {self.hit} of {self.point.hits}{again}: {'; '.join(places)}"
+        facts = self.facts
+        places = [f"{key} {facts[key]}" for key in ("contact", "listener") if facts[key]]
+        attempt_text = f", attempt {self.attempt}" if self.attempt > 1 else ""
+        hit = f"{self.point.name}, hit {self.hit} of {self.point.hits}"
+        return f"{hit}{attempt_text}: {'; '.join(places)}"
 
 
 class Recorder(Protocol):
@@ -58,7 +59,7 @@ class Recorder(Protocol):
     ) -> Sound:
         """Record some seconds; call `cue` once `lead_in` seconds of them are recorded.
 
-        Notes of the sound say what spoilt the recording: then it is refused.
+        A sound with notes on disturbances of the recording is refused.
         """
         ...
 
@@ -77,7 +78,7 @@ class SilentOperator:
     """An operator without a screen or keyboard: shows no text and never waits."""
 
     def ready(self, text: str) -> None:
-        """Return at once: no person is asked."""
+        """Return at once, without waiting for a person."""
 
     def tell(self, text: str) -> None:
         """Drop the text: no person reads it."""
@@ -122,7 +123,7 @@ def capture(
         is not recorded again.
     recorder : Recorder
     operator : Operator, optional
-        SilentOperator unless given.
+        Default: SilentOperator.
     progress : callable
 
     Raises
@@ -159,7 +160,7 @@ class _Session:
     ) -> None:
         self._plan, self._log = plan, TakeLog(plan, folder)
         self._recorder, self._operator, self._progress = recorder, operator, progress
-        self._recorded, self._kept, self._refusals = 0, 0, list[Refusal]()
+        self._new_count, self._earlier_count, self._refusals = 0, 0, list[Refusal]()
         self._last: Point | None = None
 
     def points(self) -> Iterator[Point]:
@@ -171,14 +172,14 @@ class _Session:
         planning = plan.planning()
         first = [plan.point(plan.contacts[c], plan.listeners[q]) for c, q in planning.first]
         yield from first
-        heard = [self._log.sounds(point) for point in first]
-        chosen = planning.after(rough_gains(heard, plan.lead_in + MARGIN))
+        sounds = [self._log.sounds(point) for point in first]
+        chosen = planning.after(rough_gains(sounds, plan.lead_in + MARGIN))
         yield from (plan.point(plan.contacts[c], plan.listeners[q]) for c, q in chosen.rest)
 
     def visit(self, point: Point) -> None:
         """Record the hits of a point that are missing."""
         missing = [hit for hit in range(1, point.hits + 1) if not self._log.has(point, hit)]
-        self._kept += point.hits - len(missing)
+        self._earlier_count += point.hits - len(missing)
         if not missing:
             return
         self._tell_progress(point)
@@ -186,14 +187,14 @@ class _Session:
         for hit in missing:
             self._tell_progress(point)
             self._log.add(point, hit, self._taken(point, hit))
-            self._recorded += 1
+            self._new_count += 1
 
     def outcome(self) -> Outcome:
         """Return the result so far."""
         return Outcome(
             manifest=self._log.path,
-            recorded=self._recorded,
-            kept=self._kept,
+            recorded=self._new_count,
+            kept=self._earlier_count,
             refusals=tuple(self._refusals),
         )
 
@@ -210,15 +211,15 @@ class _Session:
             self._operator.tell(f"{take.file} is refused: {reason}")
         raise RecordingError(
             f"{point.file(hit)} was refused {self._plan.tries} times (tries), the last time since "
-            f"{reason}. What is recorded stays: start again to go on from here"
+            f"{reason}. Finished takes are saved: start again to record the rest"
         )
 
     def _tried(self, take: CapturedTake) -> TakeVerdict:
         plan = self._plan
         self._ask(take)
-        before = plan.lead_in + MARGIN
-        length = before + plan.patience + plan.seconds
-        sound = self._recorder.record(take, length, before, lambda: self._cue(take))
+        lead_in = plan.lead_in + MARGIN
+        length = lead_in + plan.patience + plan.seconds
+        sound = self._recorder.record(take, length, lead_in, lambda: self._cue(take))
         self._require_rate(sound)
         if sound.notes:
             return TakeVerdict(reason="; ".join(sound.notes))
@@ -232,8 +233,8 @@ class _Session:
 
     def _ask(self, take: CapturedTake) -> None:
         last, self._last = self._last, take.point
-        moved = last is None or last.contact != take.point.contact
-        if self._plan.prompt == "take" or (self._plan.prompt == "contact" and moved):
+        has_moved = last is None or last.contact != take.point.contact
+        if self._plan.prompt == "take" or (self._plan.prompt == "contact" and has_moved):
             self._operator.ready(str(take))
 
     def _cue(self, take: CapturedTake) -> None:
@@ -243,16 +244,16 @@ class _Session:
             self._operator.tell("strike now")
 
     def _require_rate(self, sound: Sound) -> None:
-        wanted = self._plan.sample_rate
-        if wanted not in (None, sound.sample_rate):
+        planned_rate = self._plan.sample_rate
+        if planned_rate not in (None, sound.sample_rate):
             raise RecordingError(
-                f"the device records at {sound.sample_rate} Hz and the plan says {wanted} Hz: "
-                "change one of them"
+                f"the device records at {sound.sample_rate} Hz and the plan says "
+                f"{planned_rate} Hz: change one of them"
             )
 
     def _tell_progress(self, point: Point) -> None:
-        done = self._recorded + self._kept
-        self._progress(f"recording {point.name}", done / self._plan.count)
+        finished_count = self._new_count + self._earlier_count
+        self._progress(f"recording {point.name}", finished_count / self._plan.count)
 
 
 class SimulatedRecorder:
@@ -270,17 +271,17 @@ class SimulatedRecorder:
     ) -> Sound:
         """Return the file of a take, at most `seconds` of it; RecordingError when it is missing."""
         del lead_in
-        usual = self.folder / take.file
-        again = usual.with_suffix(f".{take.attempt}.wav")
-        path = again if is_file(again) else usual
+        first_path = self.folder / take.file
+        attempt_path = first_path.with_suffix(f".{take.attempt}.wav")
+        path = attempt_path if is_file(attempt_path) else first_path
         try:
             data = read_bytes(path)
         except FileFormatError as error:
             raise RecordingError(f"{error}; a rehearsal needs a WAV file for each take") from error
         cue()
-        heard = wav.decode(data, str(path))
-        length = round(seconds * heard.sample_rate)
-        return Sound(samples=heard.samples[:, :length], sample_rate=heard.sample_rate)
+        recording = wav.decode(data, str(path))
+        length = round(seconds * recording.sample_rate)
+        return Sound(samples=recording.samples[:, :length], sample_rate=recording.sample_rate)
 
 
 class TakeLog:
@@ -330,7 +331,7 @@ class TakeLog:
             peak=round(verdict.peak, 2),
             above_noise=round(verdict.above_noise, 2),
         )
-        others = (each for each in self._manifest.entries if each.file != entry.file)
+        others = (present for present in self._manifest.entries if present.file != entry.file)
         self._manifest = replace(
             self._manifest,
             entries=(*others, entry),
@@ -343,14 +344,17 @@ class TakeLog:
     def sounds(self, point: Point) -> list[Sound]:
         """Return the takes of a point."""
         paths = [self.path.with_name(point.file(hit)) for hit in range(1, point.hits + 1)]
-        heard = [wav.decode(read_bytes(path), str(path)) for path in paths]
-        return [Sound(samples=each.samples, sample_rate=each.sample_rate) for each in heard]
+        recordings = [wav.decode(read_bytes(path), str(path)) for path in paths]
+        return [
+            Sound(samples=recording.samples, sample_rate=recording.sample_rate)
+            for recording in recordings
+        ]
 
     def _require_rate(self, rate: int) -> None:
-        known = {entry.sample_rate for entry in self._manifest.entries} - {None, rate}
-        if known:
+        rates = {entry.sample_rate for entry in self._manifest.entries} - {None, rate}
+        if rates:
             raise RecordingError(
-                f"{self.path} has takes of {known.pop()} Hz, and now {rate} Hz are recorded: give "
+                f"{self.path} has takes of {rates.pop()} Hz, and now {rate} Hz are recorded: give "
                 "that sample_rate in the plan, or record into another folder"
             )
 
@@ -371,14 +375,14 @@ def rough_gains(takes: Sequence[Sequence[Sound]], lead_in: float) -> Complex:
 
     Root mean squares over hits at the local maxima of the spectrum of all contacts' first channels,
     heard by one listener after `lead_in` seconds; phases are unknown and 0, as `SurveyPlan.after`
-    asks for powers alone. RecordingError when nothing rings.
+    needs powers alone. RecordingError when nothing rings.
     """
     rates = {sound.sample_rate for hits in takes for sound in hits}
     if len(rates) != 1:
         raise RecordingError(f"takes have rates of {sorted(rates)} Hz: record all at one rate")
     first = round(lead_in * rates.pop())
-    shortest = min(sound.samples.shape[1] for hits in takes for sound in hits) - first
-    powers = np.array([_mean_power(hits, first, shortest) for hits in takes])
+    min_length = min(sound.samples.shape[1] for hits in takes for sound in hits) - first
+    powers = np.array([_mean_power(hits, first, min_length) for hits in takes])
     lines = _maxima(powers.max(axis=0))
     if not len(lines):
         raise RecordingError("no line stands out of the spectra of the takes: strike harder")
@@ -387,16 +391,18 @@ def rough_gains(takes: Sequence[Sequence[Sound]], lead_in: float) -> Complex:
 
 def _mean_power(hits: Sequence[Sound], first: int, length: int) -> Array:
     """Return the power spectrum after the hit, mean over hits."""
-    count = max(2, min(length, round(_LONGEST * hits[0].sample_rate)))
+    count = max(2, min(length, round(_MAX_SECONDS * hits[0].sample_rate)))
     window = np.hanning(count)
-    rung = [sound.samples[0, first : first + count].astype(np.float64) for sound in hits]
-    return np.mean([np.square(np.abs(np.fft.rfft(window * each))) for each in rung], axis=0)
+    excerpts = [sound.samples[0, first : first + count].astype(np.float64) for sound in hits]
+    return np.mean(
+        [np.square(np.abs(np.fft.rfft(window * excerpt))) for excerpt in excerpts], axis=0
+    )
 
 
 def _maxima(power: Array) -> NDArray[np.int64]:
     """Return the strongest local maxima over two bins to each side: a window's main lobe."""
-    padded = np.pad(power, 2, constant_values=np.inf)
-    around = np.lib.stride_tricks.sliding_window_view(padded, 5)
-    deep = power > power[2:-2].max(initial=0.0) * 10 ** (-_DEEPEST / 10)
-    lines = np.flatnonzero((power >= around.max(axis=1)) & deep & (power > 0))
-    return lines[np.argsort(-power[lines], kind="stable")][:_MOST_LINES]
+    padded_power = np.pad(power, 2, constant_values=np.inf)
+    neighbourhoods = np.lib.stride_tricks.sliding_window_view(padded_power, 5)
+    is_deep = power > power[2:-2].max(initial=0.0) * 10 ** (-_MAX_DEPTH / 10)
+    lines = np.flatnonzero((power >= neighbourhoods.max(axis=1)) & is_deep & (power > 0))
+    return lines[np.argsort(-power[lines], kind="stable")][:_MAX_LINES]

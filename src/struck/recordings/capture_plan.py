@@ -37,13 +37,13 @@ PAIRS = ("all", "P+Q")
 PROMPTS = ("take", "contact", "never")
 MOST_TAKES = 100_000
 MOST_CHANNELS = 64
-SHORTEST = 0.05  # s, of lead-in and sound: what a spectrum of the noise needs
+SHORTEST = 0.05  # s, of lead-in and sound: a spectrum of the noise needs as much
 SILENT = -20.0  # dB under a mode's loudest contact from which a contact counts as silent
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9.-]{0,79}")
 # Words in braces of a program's arguments.
 PLACES = ("name", "hit", "contact", "listener", "u", "v", "x", "y", "z")
 _BRACED = re.compile(r"\{(\w*)\}")
-_SHOWN = 300  # bytes of a program's standard error
+_MAX_ERROR_BYTES = 300  # bytes of a program's standard error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,17 +64,19 @@ class Hooks:
         command = self.move if which == "move" else self.strike
         if not command:
             return
-        arguments = [_BRACED.sub(lambda braced: facts.get(braced[1], ""), each) for each in command]
+        arguments = [
+            _BRACED.sub(lambda braced: facts.get(braced[1], ""), argument) for argument in command
+        ]
         variables = {f"STRUCK_{name.upper()}": value for name, value in facts.items()}
-        with tempfile.TemporaryFile() as said:
-            trouble = self._outcome(arguments, {**os.environ, **variables}, said)
+        with tempfile.TemporaryFile() as stderr:
+            trouble = self._outcome(arguments, {**os.environ, **variables}, stderr)
             if trouble:
                 raise RecordingError(
-                    f"the program of hooks.{which}, {' '.join(arguments)}, {trouble}{_tail(said)}; "
-                    "what is recorded stays: mend it and start again to go on from here"
+                    f"the program of hooks.{which}, {' '.join(arguments)}, {trouble}{_tail(stderr)}"
+                    "; finished takes are saved: mend it and start again to record the rest"
                 )
 
-    def _outcome(self, arguments: list[str], environment: dict[str, str], said: IO[bytes]) -> str:
+    def _outcome(self, arguments: list[str], environment: dict[str, str], stderr: IO[bytes]) -> str:
         """Run a program; return its failure as text, "" for none."""
         program = arguments[0]
         if Path(program).name != program:  # one with folders is as seen from the plan
@@ -86,7 +88,7 @@ class Hooks:
                 env=environment,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
-                stderr=said,
+                stderr=stderr,
                 start_new_session=True,
             )
         except OSError as error:
@@ -112,11 +114,11 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     process.wait()
 
 
-def _tail(said: IO[bytes]) -> str:
+def _tail(stderr: IO[bytes]) -> str:
     """Return the last words of a program's standard error."""
-    said.seek(0, os.SEEK_END)
-    said.seek(max(0, said.tell() - _SHOWN))
-    text = " ".join(said.read().decode(errors="replace").split())
+    stderr.seek(0, os.SEEK_END)
+    stderr.seek(max(0, stderr.tell() - _MAX_ERROR_BYTES))
+    text = " ".join(stderr.read().decode(errors="replace").split())
     return f": {text}" if text else ""
 
 
@@ -136,10 +138,12 @@ class SurveyPlan:
         Body coordinates, m.
     listener : int
         The pivot.
-    contact, check : int or None
-        The pivot contact and the one that checks; None until `after` chose them.
+    contact : int or None
+        The pivot contact; None until `after` chose it.
+    check : int or None
+        The contact that checks; None until `after` chose it.
     silent : array of int
-        Modes that the pivot contact hardly drives, which the plan will not measure.
+        Modes that the pivot contact drives by less than `SILENT`, which the plan will not measure.
     """
 
     __repr__ = brief
@@ -165,10 +169,12 @@ class SurveyPlan:
 
         Parameters
         ----------
-        contacts, listeners : array (P, D), array (Q, 3)
-            Body coordinates of listeners, m.
+        contacts : array (P, D)
+            As in `Survey`.
+        listeners : array (Q, 3)
+            Body coordinates, m.
         centre : array (3,), optional
-            Where the sound seems to come from, m; the origin unless given.
+            Where the sound seems to come from, m. Default: the origin.
         symmetry : str
             As in `Survey`.
         listener : int, optional
@@ -195,14 +201,16 @@ class SurveyPlan:
         the least mean of the noise that dividing by their drives there would bring.
         """
         powers = np.square(np.abs(gains))
-        relative = powers / np.maximum(powers.max(axis=0), np.finfo(np.float64).tiny)
+        relative_powers = powers / np.maximum(powers.max(axis=0), np.finfo(np.float64).tiny)
         silent = 10 ** (SILENT / 10)
-        order = np.argsort((1 / np.maximum(relative, silent / 4)).mean(axis=1), kind="stable")
+        order = np.argsort(
+            (1 / np.maximum(relative_powers, silent / 4)).mean(axis=1), kind="stable"
+        )
         return replace(
             self,
             contact=int(order[0]),
             check=int(order[1]) if len(order) > 1 else None,
-            silent=np.flatnonzero(relative[order[0]] < silent),
+            silent=np.flatnonzero(relative_powers[order[0]] < silent),
         )
 
     @property
@@ -236,7 +244,7 @@ class SurveyPlan:
 
 
 def _generic(places: Array, symmetry: str) -> int:
-    """Return the number of the listener least likely to stand where some mode is silent."""
+    """Return the number of the listener least likely to be where some mode is silent."""
     distances = np.linalg.norm(places, axis=1)
     directions = places / np.where(distances > 0, distances, np.inf)[:, None]
     if symmetry == "axial":
@@ -311,18 +319,24 @@ class CapturePlan:
         When a person is waited for: at each "take", when the "contact" changes, or "never".
     bounds : Bounds
         Levels at which a take is accepted.
-    contacts, listeners : tuple
-        What is combined; no listeners where their places do not matter.
+    contacts : tuple of PlannedContact
+        Contacts to be combined with the listeners.
+    listeners : tuple of PlannedListener
+        Empty if their places do not matter.
     listed : tuple of Point
         Single points instead.
     pairs : str
-        "all" contacts with all listeners; or "P+Q": one listener hears all contacts, then the best
-        contact is heard by all other listeners (see `Plan`).
+        "all" contacts with all listeners; or "P+Q": one listener hears all contacts, then all other
+        listeners hear the best contact (see `SurveyPlan`).
     hits : int
         Of each point.
     pivot : int or None
-        Number of the listener that hears all contacts, with "P+Q"; None: chosen by `Plan`.
-    symmetry, centre, coordinates
+        Number of the listener that hears all contacts, with "P+Q"; None: chosen by `SurveyPlan`.
+    symmetry : str
+        As in `Manifest`.
+    centre : tuple of 3 numbers
+        As in `Manifest`.
+    coordinates : tuple of str
         As in `Manifest`.
     hooks : Hooks
         Programs that move or strike.
@@ -363,10 +377,12 @@ class CapturePlan:
         """Number of takes of the whole plan."""
         if self.listed:
             return sum(point.hits for point in self.listed)
-        struck, heard = len(self.contacts), max(1, len(self.listeners))
+        contact_count, listener_count = len(self.contacts), max(1, len(self.listeners))
         if self.pairs == "all":
-            return struck * heard * self.hits
-        return (struck + heard - 1 + (struck > 1 and heard > 1)) * self.hits
+            return contact_count * listener_count * self.hits
+        return (
+            contact_count + listener_count - 1 + (contact_count > 1 and listener_count > 1)
+        ) * self.hits
 
     def every(self) -> Iterator[Point]:
         """Yield listed points, or all contacts with all listeners, contact after contact."""
@@ -387,7 +403,7 @@ class CapturePlan:
         )
 
     def planning(self) -> SurveyPlan:
-        """Return the plan of P + Q recordings; a listener stands where its first channel is."""
+        """Return the plan of P + Q recordings, with listeners at their first channels."""
         return SurveyPlan.of(
             np.array([contact.at for contact in self.contacts]),
             np.array([listener.at[0] for listener in self.listeners]),
@@ -415,8 +431,8 @@ def _require_something(plan: CapturePlan) -> None:
 
 
 def _require_names(plan: CapturePlan) -> None:
-    for named in (plan.contacts, plan.listeners, plan.listed):
-        names = [each.name for each in named]
+    for groups in (plan.contacts, plan.listeners, plan.listed):
+        names = [item.name for item in groups]
         for name in names:
             if not _NAME.fullmatch(name):
                 raise OptionError(
@@ -429,15 +445,21 @@ def _require_names(plan: CapturePlan) -> None:
 def _require_places(plan: CapturePlan) -> None:
     _require_distinct([contact.at for contact in plan.contacts], "the contact")
     _require_distinct([listener.at for listener in plan.listeners], "the listener")
-    _require_distinct([(each.contact, each.listeners) for each in plan.listed], "the point")
-    struck = [each.at for each in plan.contacts] + [point.contact for point in plan.listed]
-    if len(set(map(len, struck))) > 1:
-        raise OptionError("some contacts have one coordinate and some two, or none: give all alike")
-    require_named(plan.coordinates, struck[0])
-    heard = [listener.at for listener in plan.listeners] + [p.listeners for p in plan.listed]
-    if plan.listed and 0 < sum(map(bool, heard)) < len(heard):
-        raise OptionError("some points have a listener and some have none: give all alike")
-    for places in filter(None, heard):
+    _require_distinct([(point.contact, point.listeners) for point in plan.listed], "the point")
+    contact_places = [contact.at for contact in plan.contacts] + [
+        point.contact for point in plan.listed
+    ]
+    if len(set(map(len, contact_places))) > 1:
+        raise OptionError(
+            "some contacts have one coordinate and some two, or none: give all as many"
+        )
+    require_named(plan.coordinates, contact_places[0])
+    listener_places = [listener.at for listener in plan.listeners] + [
+        p.listeners for p in plan.listed
+    ]
+    if plan.listed and 0 < sum(map(bool, listener_places)) < len(listener_places):
+        raise OptionError("some points have a listener and some have none: give all one, or none")
+    for places in filter(None, listener_places):
         if len(places) != plan.channels:
             raise OptionError(
                 f"a listener has {len(places)} microphones, and channels is {plan.channels}: give "
@@ -445,12 +467,12 @@ def _require_places(plan: CapturePlan) -> None:
             )
 
 
-def _require_distinct(values: Iterable[object], what: str) -> None:
-    known: set[object] = set()
+def _require_distinct(values: Iterable[object], label: str) -> None:
+    earlier_values: set[object] = set()
     for value in values:
-        if value in known:
-            raise OptionError(f"{what} {value!r} occurs twice: give more hits instead")
-        known.add(value)
+        if value in earlier_values:
+            raise OptionError(f"{label} {value!r} occurs twice: give more hits instead")
+        earlier_values.add(value)
 
 
 @checked
@@ -460,23 +482,23 @@ def read_plan(path: str | os.PathLike[str]) -> CapturePlan:
     Raises
     ------
     FileFormatError
-        When it cannot be read, or asks for what is unknown, missing or out of bounds.
+        When it cannot be read, or an entry is unknown, missing or out of bounds.
     """
-    given = Path(path)
-    table = read_toml(given)
+    source = Path(path)
+    table = read_toml(source)
     try:
-        plan = _plan(table, real(given).parent)
+        plan = _plan(table, real(source).parent)
     except OptionError as error:
         table.require_known()  # a misspelt key leaves out what is missing
-        raise FileFormatError(f"{given}: {error}") from error
+        raise FileFormatError(f"{source}: {error}") from error
     table.require_known()
     return plan
 
 
 def _plan(table: TomlTable, folder: Path) -> CapturePlan:
     hooks = read_hooks(table.table("hooks"), folder)
-    given = enumerate(table.list("listeners"), 1)
-    listeners = tuple(_listener(table, number, each) for number, each in given)
+    numbered_entries = enumerate(table.list("listeners"), 1)
+    listeners = tuple(_listener(table, number, entry) for number, entry in numbered_entries)
     hits = table.count("hits", 1, MOST_HITS, default=1)
     return CapturePlan(
         seconds=table.number("seconds", SHORTEST, LONGEST),
@@ -490,7 +512,7 @@ def _plan(table: TomlTable, folder: Path) -> CapturePlan:
         bounds=_bounds(table.table("levels")),
         contacts=_contacts(table),
         listeners=listeners,
-        listed=tuple(_point(each, n, hits) for n, each in enumerate(table.tables("points"), 1)),
+        listed=tuple(_point(entry, n, hits) for n, entry in enumerate(table.tables("points"), 1)),
         pairs=table.choice("pairs", PAIRS, "all"),
         hits=hits,
         pivot=_pivot(table, listeners),
@@ -502,18 +524,18 @@ def _plan(table: TomlTable, folder: Path) -> CapturePlan:
 
 
 def _device(table: TomlTable) -> int | str | None:
-    given = table.value("device")
-    if isinstance(given, bool) or not isinstance(given, int | str | None):
-        raise table.error(f"device is {given!r}: give its number, or part of its name")
-    return given
+    value = table.value("device")
+    if isinstance(value, bool) or not isinstance(value, int | str | None):
+        raise table.error(f"device is {value!r}: give its number, or part of its name")
+    return value
 
 
 def _bounds(table: TomlTable) -> Bounds:
-    usual = Bounds()
+    defaults = Bounds()
     bounds = Bounds(
-        quietest=table.number("quietest", -120, 0, usual.quietest),
-        loudest=table.number("loudest", -60, 0, usual.loudest),
-        above_noise=table.number("above_noise", 0, 120, usual.above_noise),
+        quietest=table.number("quietest", -120, 0, defaults.quietest),
+        loudest=table.number("loudest", -60, 0, defaults.loudest),
+        above_noise=table.number("above_noise", 0, 120, defaults.above_noise),
     )
     table.require_known()
     return bounds
@@ -521,30 +543,32 @@ def _bounds(table: TomlTable) -> Bounds:
 
 def _contacts(table: TomlTable) -> tuple[PlannedContact, ...]:
     """Return the contacts: lists of coordinates, or tables of `name` and `at`."""
-    found = []
-    for number, given in enumerate(table.list("contacts"), 1):
-        usual = f"contact{number}"
-        if isinstance(given, dict):
-            each = TomlTable(given, f"{table.name}, [[contacts]] {number}")
-            at = each.numbers("at", 1, 2) or numbers(None, each, "at", 1, 2)
-            found.append(PlannedContact(name=each.text("name", usual), at=at))
-            each.require_known()
+    contacts = []
+    for number, entry in enumerate(table.list("contacts"), 1):
+        default_name = f"contact{number}"
+        if isinstance(entry, dict):
+            subtable = TomlTable(entry, f"{table.name}, [[contacts]] {number}")
+            at = subtable.numbers("at", 1, 2) or numbers(None, subtable, "at", 1, 2)
+            contacts.append(PlannedContact(name=subtable.text("name", default_name), at=at))
+            subtable.require_known()
         else:
-            at = numbers(given, table, "one of contacts", 1, 2)
-            found.append(PlannedContact(name=usual, at=at))
-    return tuple(found)
+            at = numbers(entry, table, "one of contacts", 1, 2)
+            contacts.append(PlannedContact(name=default_name, at=at))
+    return tuple(contacts)
 
 
-def _listener(table: TomlTable, number: int, given: Any) -> PlannedListener:  # noqa: ANN401 - of TOML
-    usual = f"listener{number}"
-    if not isinstance(given, dict):
-        return PlannedListener(name=usual, at=(numbers(given, table, "one of listeners", 3),))
-    each = TomlTable(given, f"{table.name}, [[listeners]] {number}")
-    places = toml_listeners(each, "at", "microphones")
+def _listener(table: TomlTable, number: int, entry: Any) -> PlannedListener:  # noqa: ANN401 - of TOML
+    default_name = f"listener{number}"
+    if not isinstance(entry, dict):
+        return PlannedListener(
+            name=default_name, at=(numbers(entry, table, "one of listeners", 3),)
+        )
+    subtable = TomlTable(entry, f"{table.name}, [[listeners]] {number}")
+    places = toml_listeners(subtable, "at", "microphones")
     if not places:
-        raise each.error("it has no place: give at = [x, y, z], m")
-    listener = PlannedListener(name=each.text("name", usual), at=places)
-    each.require_known()
+        raise subtable.error("it has no place: give at = [x, y, z], m")
+    listener = PlannedListener(name=subtable.text("name", default_name), at=places)
+    subtable.require_known()
     return listener
 
 
@@ -582,6 +606,6 @@ def read_hooks(table: TomlTable, folder: Path) -> Hooks:
             if name not in PLACES:
                 raise FileFormatError(
                     f"{table.name}: {{{name}}} is not known: give one of "
-                    f"{', '.join(f'{{{each}}}' for each in PLACES)}"
+                    f"{', '.join(f'{{{place}}}' for place in PLACES)}"
                 )
     return hooks

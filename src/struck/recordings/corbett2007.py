@@ -1,4 +1,4 @@
-"""The fit of 2007 (section 3): exponentials in each bin, audible ones kept, alike ones merged."""
+"""The fit of 2007 (section 3): exponentials in each bin, without inaudible ones, merged."""
 
 from __future__ import annotations
 
@@ -17,41 +17,43 @@ from struck.recordings.noise import blackman_harris
 from struck.recordings.segments import Segment
 
 LOUDEST = 90.0  # level of the strongest amplitude, dB SPL
-HEARD = 0.2  # time over which hearing collects energy, s
-_LOWEST = 20.0  # threshold in quiet of lower ones, Hz
+INTEGRATION_TIME = 0.2  # time over which hearing collects energy, s
+_MIN_FREQUENCY = 20.0  # threshold in quiet of lower ones, Hz
 _DEPTH = 10.0  # of the masked level under the masker, dB
-_DOWNWARD, _UPWARD = 27.0, 15.0  # slopes below and above a masker, dB per Bark
+_LOWER_SLOPE, _UPPER_SLOPE = 27.0, 15.0  # slopes below and above a masker, dB per Bark
 
 
 def audible(frequencies: Array, decays: Array, amplitudes: Array) -> NDArray[np.bool_]:
     """Return which modes (M,) are audible: over the threshold in quiet and not masked.
 
     A mode's level is that of its mean power over 200 ms, the largest amplitude counting as 90 dB
-    SPL. A stronger mode that is heard masks levels 10 dB below its own, less 27 dB per Bark
+    SPL. A stronger audible mode masks levels 10 dB below its own, less 27 dB per Bark
     downwards and 15 dB per Bark upwards: triangular spreading as in additive synthesis, with common
     constants, since the paper gives none.
     """
-    heard = np.zeros(len(frequencies), np.bool_)
+    is_audible = np.zeros(len(frequencies), np.bool_)
     levels = _levels(decays, amplitudes)
     places = bark(frequencies)
-    loud = levels > threshold_in_quiet(np.maximum(frequencies, _LOWEST))
+    is_loud = levels > threshold_in_quiet(np.maximum(frequencies, _MIN_FREQUENCY))
     for mode in np.argsort(-levels, kind="stable"):
-        above = places[mode] - places[heard]
-        slopes = np.where(above > 0, _UPWARD * above, -_DOWNWARD * above)
-        masked = np.max(levels[heard] - _DEPTH - slopes, initial=-np.inf)
-        heard[mode] = loud[mode] and levels[mode] >= masked
-    return heard
+        bark_differences = places[mode] - places[is_audible]
+        slopes = np.where(
+            bark_differences > 0, _UPPER_SLOPE * bark_differences, -_LOWER_SLOPE * bark_differences
+        )
+        masked_level = np.max(levels[is_audible] - _DEPTH - slopes, initial=-np.inf)
+        is_audible[mode] = is_loud[mode] and levels[mode] >= masked_level
+    return is_audible
 
 
 def _levels(decays: Array, amplitudes: Array) -> Array:
     """Return levels of the mean power over 200 ms, dB SPL."""
     if not len(amplitudes):
         return np.zeros(0)
-    exponents = 2 * np.maximum(decays, 1e-3) * HEARD
+    exponents = 2 * np.maximum(decays, 1e-3) * INTEGRATION_TIME
     tiny = np.finfo(np.float64).tiny
     powers = np.square(amplitudes) * -np.expm1(-exponents) / exponents
-    relative = np.maximum(powers, tiny) / max(float(np.square(amplitudes).max()), tiny)
-    return LOUDEST + 10 * np.log10(relative)
+    relative_powers = np.maximum(powers, tiny) / max(float(np.square(amplitudes).max()), tiny)
+    return LOUDEST + 10 * np.log10(relative_powers)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -80,13 +82,15 @@ def merged(recordings: Sequence[SharedModes]) -> SharedModes:
     sounds the same. They share their mean frequency and the decay of the strongest; modes of one
     recording are never merged.
     """
-    rows = np.cumsum([0, *(len(each.gains) for each in recordings)])
-    owners = np.repeat(np.arange(len(recordings)), [len(each.decays) for each in recordings])
-    frequencies = np.concatenate([each.frequencies for each in recordings])
-    decays = np.concatenate([each.decays for each in recordings])
+    rows = np.cumsum([0, *(len(recording.gains) for recording in recordings)])
+    owners = np.repeat(
+        np.arange(len(recordings)), [len(recording.decays) for recording in recordings]
+    )
+    frequencies = np.concatenate([recording.frequencies for recording in recordings])
+    decays = np.concatenate([recording.decays for recording in recordings])
     gains = np.zeros((rows[-1], len(owners)), np.complex128)
-    for number, each in enumerate(recordings):
-        gains[rows[number] : rows[number + 1], owners == number] = each.gains
+    for number, recording in enumerate(recordings):
+        gains[rows[number] : rows[number + 1], owners == number] = recording.gains
     groups = _groups(frequencies, owners, np.abs(gains).max(axis=0, initial=0.0))
     means = np.array([frequencies[group].mean() for group in groups])
     order = np.argsort(means, kind="stable")
@@ -168,8 +172,8 @@ def _prony(signal: Complex, terms: int) -> Complex:
 def _stable(denominator: Complex) -> Complex:
     """Return the polynomial with the roots outside of the unit circle mirrored into it."""
     roots = np.roots(denominator)
-    outside = np.abs(roots) > 1
-    roots[outside] = 1 / roots[outside].conj()
+    is_outside = np.abs(roots) > 1
+    roots[is_outside] = 1 / roots[is_outside].conj()
     return np.asarray(np.poly(roots), np.complex128)
 
 
@@ -223,8 +227,8 @@ class WindowedTransform:
         """
         starts = np.lib.stride_tricks.sliding_window_view(samples, self.length)[:: self.hop]
         spectra = np.fft.fft(starts * self.window, axis=1)[:, : self.length // 2]
-        turns = np.outer(np.arange(len(starts)) * self.hop, np.arange(self.length // 2))
-        return spectra * np.exp(-2j * np.pi * (turns % self.length) / self.length)
+        phase_steps = np.outer(np.arange(len(starts)) * self.hop, np.arange(self.length // 2))
+        return spectra * np.exp(-2j * np.pi * (phase_steps % self.length) / self.length)
 
     def answers(self, exponents: Complex) -> Complex:
         """Return B of eq. 6, a window's transform of exp(exponent t), shaped as the exponents."""
@@ -236,7 +240,7 @@ TERMS = 4  # modes sought in each bin (the paper: 2 or 4); one term more takes u
 GATE = 12.0  # least rise of a fitted bin over the lead-in, dB
 LONGEST = 60.0  # take, s
 _FIRST = 4  # windows in which a bin must rise
-_SMALLEST = 1e-3  # poles nearer to 0 are gone within a window
+_MIN_POLE = 1e-3  # poles nearer to 0 are gone within a window
 
 
 def fit_corbett2007(
@@ -253,7 +257,7 @@ def fit_corbett2007(
     Takes begin at the impact. A bin is fitted only where its first windows exceed the lead-in,
     ambient sound of at least 46 ms, by `gate` dB; without lead-ins, all bins are. The paper says
     that a lead-in was recorded to tell spurious modes but not how. `terms` modes are looked for in
-    each bin; `masking` drops what nobody hears of each recording.
+    each bin; `masking` drops the inaudible modes of each recording.
 
     R. Corbett, K. van den Doel, J. E. Lloyd and W. Heidrich, "TimbreFields: 3D interactive sound
     models for real-time audio", Presence 16(6), 643-654, 2007.
@@ -262,11 +266,11 @@ def fit_corbett2007(
     if terms < 1:
         raise OptionError(f"terms is {terms}: look for at least 1 mode in each bin")
     recordings = _recordings(takes, lead_ins, transform, terms)
-    fitted = [
+    channel_modes = [
         fit_recording(channel, transform, lead_in=lead_in, terms=terms, gate=gate)
         for channel, lead_in in recordings
     ]
-    return merged([_heard(each) for each in fitted] if masking else fitted)
+    return merged([_keep_audible(modes) for modes in channel_modes] if masking else channel_modes)
 
 
 def fit_recording(
@@ -281,11 +285,11 @@ def fit_recording(
     spectra = transform.of(samples)
     bins = np.arange(1, spectra.shape[1])  # bin 0 has no modes: a pair of poles is one there
     if lead_in is not None:
-        risen = np.abs(spectra[:_FIRST]).max(axis=0)
+        peak_magnitudes = np.abs(spectra[:_FIRST]).max(axis=0)
         ambient = np.sqrt(np.square(np.abs(transform.of(lead_in))).mean(axis=0))
-        bins = bins[(risen > ambient * 10 ** (gate / 20))[1:]]
-    found = [_modes_in(spectra[:, each], int(each), transform, terms) for each in bins]
-    frequencies, decays, gains = np.concatenate([np.zeros((3, 0)), *found], axis=1)
+        bins = bins[(peak_magnitudes > ambient * 10 ** (gate / 20))[1:]]
+    bin_modes = [_modes_in(spectra[:, index], int(index), transform, terms) for index in bins]
+    frequencies, decays, gains = np.concatenate([np.zeros((3, 0)), *bin_modes], axis=1)
     return SharedModes(
         frequencies=frequencies.real, decays=decays.real, gains=gains[None].astype(np.complex128)
     )
@@ -298,22 +302,24 @@ def _modes_in(
     if not trajectory.any():
         return np.zeros((3, 0), np.complex128)
     poles = steiglitz_mcbride(trajectory, terms + 1)
-    poles = poles[(np.abs(poles) > _SMALLEST) & (np.abs(poles) < 1)]
+    poles = poles[(np.abs(poles) > _MIN_POLE) & (np.abs(poles) < 1)]
     factors = residues(trajectory, poles)
     exponents = np.asarray(np.log(poles) / transform.step, np.complex128)
     offsets = exponents.imag / (2 * np.pi)
     # C / B is half of the mode's exponential: Im[g z^n] = (g z^n - its conjugate) / 2i.
     gains = 2j * factors / transform.answers(exponents)
-    mine = np.abs(offsets) <= transform.bin_width / 2
+    is_in_bin = np.abs(offsets) <= transform.bin_width / 2
     modes = np.stack([number * transform.bin_width + offsets, -exponents.real, gains])
-    return np.asarray(modes[:, mine], np.complex128)
+    return np.asarray(modes[:, is_in_bin], np.complex128)
 
 
-def _heard(modes: SharedModes) -> SharedModes:
-    """Keep the modes of one recording that are heard."""
-    kept = audible(modes.frequencies, modes.decays, np.abs(modes.gains[0]))
+def _keep_audible(modes: SharedModes) -> SharedModes:
+    """Drop the inaudible modes of one recording."""
+    is_audible = audible(modes.frequencies, modes.decays, np.abs(modes.gains[0]))
     return SharedModes(
-        frequencies=modes.frequencies[kept], decays=modes.decays[kept], gains=modes.gains[:, kept]
+        frequencies=modes.frequencies[is_audible],
+        decays=modes.decays[is_audible],
+        gains=modes.gains[:, is_audible],
     )
 
 
@@ -330,30 +336,34 @@ def _recordings(
         raise OptionError(f"there are {len(takes)} takes and {len(lead_ins)} lead-ins: give all")
     # Prony's start needs as many equations as unknowns.
     windows = 2 * (terms + 1)
-    shortest = transform.length + (windows - 1) * transform.hop
+    min_length = transform.length + (windows - 1) * transform.hop
     recordings: list[tuple[Array, Array | None]] = []
     for number, take in enumerate(takes):
-        channels = _channels(take, f"take {number}", shortest, transform.sample_rate)
+        channels = _channels(take, f"take {number}", min_length, transform.sample_rate)
         if lead_ins is None:
             recordings += [(channel, None) for channel in channels]
             continue
         name = f"the lead-in of take {number}"
-        before = _channels(lead_ins[number], name, transform.length, transform.sample_rate)
-        if len(before) != len(channels):
-            raise OptionError(f"{name} has {len(before)} channels, the take {len(channels)}")
-        recordings += zip(channels, before, strict=True)
+        lead_in_channels = _channels(
+            lead_ins[number], name, transform.length, transform.sample_rate
+        )
+        if len(lead_in_channels) != len(channels):
+            raise OptionError(
+                f"{name} has {len(lead_in_channels)} channels, the take {len(channels)}"
+            )
+        recordings += zip(channels, lead_in_channels, strict=True)
     return recordings
 
 
-def _channels(samples: Array, name: str, shortest: int, sample_rate: float) -> Array:
+def _channels(samples: Array, name: str, min_length: int, sample_rate: float) -> Array:
     channels = np.atleast_2d(np.asarray(samples, np.float64))
     if channels.ndim != 2 or not np.isfinite(channels).all():
         raise OptionError(f"{name} has shape {channels.shape}: give finite samples (channels, n)")
     count = channels.shape[1]
-    if not shortest <= count <= LONGEST * sample_rate:
+    if not min_length <= count <= LONGEST * sample_rate:
         raise OptionError(
-            f"{name} has {count} samples: give {shortest} to {LONGEST * sample_rate:.0f}, "
-            f"{rounded(shortest / sample_rate, 2)} to {LONGEST:g} s"
+            f"{name} has {count} samples: give {min_length} to {LONGEST * sample_rate:.0f}, "
+            f"{rounded(min_length / sample_rate, 2)} to {LONGEST:g} s"
         )
     return channels
 
@@ -365,13 +375,13 @@ def by_corbett2007(segments: Sequence[Segment], budget: int | None) -> Exponenti
     """
     rate = segments[0].sample_rate
     window = WindowedTransform.at(rate).length
-    gated = all(each.before.shape[1] >= window for each in segments)
-    found = fit_corbett2007(
-        [each.samples for each in segments],
+    is_gated = all(segment.before.shape[1] >= window for segment in segments)
+    modes = fit_corbett2007(
+        [segment.samples for segment in segments],
         rate,
-        lead_ins=[each.before for each in segments] if gated else None,
+        lead_ins=[segment.before for segment in segments] if is_gated else None,
     )
-    poles = -found.decays + 2j * np.pi * found.frequencies
-    ringing = Exponentials(poles=poles, gains=found.gains)
-    energies = (np.abs(found.gains) ** 2).sum(axis=0) / np.maximum(found.decays, 1e-6)
+    poles = -modes.decays + 2j * np.pi * modes.frequencies
+    ringing = Exponentials(poles=poles, gains=modes.gains)
+    energies = (np.abs(modes.gains) ** 2).sum(axis=0) / np.maximum(modes.decays, 1e-6)
     return ringing.of(np.sort(np.argsort(-energies, kind="stable")[:budget]))

@@ -29,10 +29,10 @@ from struck.model.timbre_table import SinglePoint, TimbreTable
 from struck.recordings.disturbances import without_hum
 from struck.recordings.gain_table import Gathered
 from struck.recordings.manifest import KINDS, manifest_in, read_manifest
-from struck.recordings.poles.search import CLEAR, METHODS, Fitted, fit_poles
-from struck.recordings.poles.selection import hidden, raised
+from struck.recordings.poles.search import CLEAR, METHODS, PoleFit, fit_poles
+from struck.recordings.poles.selection import find_masked, find_unexplained_bands
 from struck.recordings.residual_sound import (
-    SHORT,
+    MAX_DEFICIT,
     may_be_of_room,
     one_strike,
     remainder,
@@ -51,7 +51,7 @@ class Fitting:
     Parameters
     ----------
     model : ModalModel
-    fitted : Fitted
+    fitted : PoleFit
         Shared poles, gains of each channel of each hit, standard errors, verdict and notes.
     recorded : Recorded
         The takes and their places.
@@ -63,14 +63,14 @@ class Fitting:
     room : array (M,), bool, or None
         Which modes the room may have; None where its reverberation is not given.
     residual : Residual
-        Attack and noise of the loudest hit, which the model has where it was asked for or needed.
+        Attack and noise of the loudest hit; the model contains it if requested or needed.
     short : float
-        By how much a band of the ear is short without the residual, at most, dB.
+        Largest deficit of an auditory band without the residual, dB.
     """
 
     __repr__ = brief
     model: ModalModel
-    fitted: Fitted
+    fitted: PoleFit
     recorded: Recorded
     survey: Survey | None
     lead: float
@@ -86,10 +86,12 @@ _REFERENCES = {
 }
 _NAMES = {"shared": "poles that all share", "corbett2007": "the method of 2007"}
 _RINGING = holding("poles", Exponentials)
-_FEW = 6  # takes that are also judged one by one
-_TOLD = 3.0  # least energy of a mode over the skirts of louder ones, beside a room that was told
-_WEAKEST = 0.1  # least share of its impulse with which a blow counts at a mode: 20 dB
-_APART = 6.0  # dB between takes without places, from which the blow or the distance is noted
+_MAX_JUDGED_TAKES = 6  # takes that are also judged one by one
+# Least energy of a mode over the skirts of louder ones, if the room is known.
+_MIN_SKIRT_RATIO = 3.0
+_MIN_DRIVE = 0.1  # least fraction of the impulse by which a blow drives a mode: -20 dB
+# dB between takes without places, from which the blow or the distance is noted.
+_MAX_LEVEL_RANGE = 6.0
 
 
 @checked
@@ -137,41 +139,41 @@ def fit_recordings(
     )
     _require_use(recorded, way, radius)
     seconds = None if room is None else reverberation(room)
-    told = {"method": method, "budget": modes, "onsets": onsets}
-    fitted = _fitted(recorded.takes, told, cache, progress)
-    _require_modes(fitted, recorded, told, force=force)
-    fitted = _with_room_note(fitted, seconds, measured=modes is None)
-    natural = np.hypot(fitted.frequencies, fitted.decays / (2 * np.pi))
-    fitted = fitted.of(np.argsort(natural, kind="stable"))
-    asked = residual if blow is None else False
-    made = _made(fitted, recorded, seconds, way, radius, method, residual=asked)
-    model = made.model if blow is None else without_blow(made.model, blow, made.lead)
+    options = {"method": method, "budget": modes, "onsets": onsets}
+    fit = _fit_takes(recorded.takes, options, cache, progress)
+    _require_modes(fit, recorded, options, force=force)
+    fit = _add_room_note(fit, seconds, measured=modes is None)
+    natural = np.hypot(fit.frequencies, fit.decays / (2 * np.pi))
+    fit = fit.of(np.argsort(natural, kind="stable"))
+    residual_option = residual if blow is None else False
+    fitting = _make_fitting(fit, recorded, seconds, way, radius, method, residual=residual_option)
+    model = fitting.model if blow is None else without_blow(fitting.model, blow, fitting.lead)
     if pitch is not None or surface is not None:
         model = model.charted(pitch=pitch, geometry=surface)
-    sought = model.provenance.extended(modes_sought=modes or "all")
-    return replace(made, model=replace(model, provenance=sought))
+    provenance = model.provenance.extended(modes_sought=modes or "all")
+    return replace(fitting, model=replace(model, provenance=provenance))
 
 
-def _fitted(
+def _fit_takes(
     takes: Sequence[Take],
-    told: dict[str, Any],
+    options: dict[str, Any],
     cache: bool | str | os.PathLike[str],  # noqa: FBT001 - as of the verb
     progress: Progress,
-) -> Fitted:
+) -> PoleFit:
     """Fit poles, going on from finished stages of an earlier run."""
     stages = Stages(cache=opened(choice=cache), progress=progress)
-    heard = fingerprint([(take.samples, take.sample_rate) for take in takes])
+    key = fingerprint([(take.samples, take.sample_rate) for take in takes])
 
-    def kept(name: str, compute: Callable[[], Exponentials]) -> Exponentials:
-        return stages.kept(_RINGING, compute, name=name, takes=heard, **told)
+    def run_stage(name: str, compute: Callable[[], Exponentials]) -> Exponentials:
+        return stages.kept(_RINGING, compute, name=name, takes=key, **options)
 
-    return fit_poles(takes, **told, progress=progress, kept=kept)
+    return fit_poles(takes, **options, progress=progress, run_stage=run_stage)
 
 
-def _require(way: str, method: str, radius: float, modes: int | None) -> None:
+def _require(interpolation: str, method: str, radius: float, modes: int | None) -> None:
     if modes is not None and not (isinstance(modes, int | np.integer) and modes >= 1):
         raise OptionError(f"modes is {modes!r}: give a whole number of at least 1, or None for all")
-    require_choice("way", way, WAYS)
+    require_choice("way", interpolation, WAYS)
     require_choice("method", method, METHODS)
     if not (np.isfinite(radius) and radius >= 0):
         raise OptionError(f"radius is {radius}: give that of a ball around the body, m, at least 0")
@@ -193,8 +195,8 @@ def _require_blow(blow: Strike | None, *, residual: bool | None) -> None:
         )
     if blow.shape != "half-sine" or blow.transient:
         raise OptionError(
-            f"blow has the shape {blow.shape!r} and the transient {blow.transient:g}: what is "
-            "divided out is a half-sine of some impulse and duration, so give that"
+            f"blow has the shape {blow.shape!r} and the transient {blow.transient:g}: only "
+            "a half-sine of some impulse and duration is divided out, so give that"
         )
 
 
@@ -208,150 +210,177 @@ def without_blow(model: ModalModel, blow: Strike, lead: float = 0.0) -> ModalMod
 
     if model.gains.of_surface:
         raise OptionError("its gains are for a force in N already: leave blow= out")
-    struck = blow.resolved(model, model.contact())
+    pulse = blow.resolved(model, model.contact())
     poles = -model.decays + 2j * np.pi * model.frequencies
-    share: Complex = np.asarray(released(poles, struck.duration), np.complex128)
-    sizes = np.abs(share * np.exp(-poles * struck.duration))  # before the modes decayed
-    weak, own = sizes < _WEAKEST, model.of_object
-    share = np.where(weak, share * _WEAKEST / np.maximum(sizes, 1e-300), share)
-    later = np.exp(poles * (lead - struck.duration))
-    lost = model.frequencies[weak & own]
+    drives: Complex = np.asarray(released(poles, pulse.duration), np.complex128)
+    sizes = np.abs(drives * np.exp(-poles * pulse.duration))  # before the modes decayed
+    is_weak, is_object_mode = sizes < _MIN_DRIVE, model.of_object
+    drives = np.where(is_weak, drives * _MIN_DRIVE / np.maximum(sizes, 1e-300), drives)
+    time_factors = np.exp(poles * (lead - pulse.duration))
+    lost_frequencies = model.frequencies[is_weak & is_object_mode]
     note = (
-        f"{len(lost)} of {np.count_nonzero(own)} modes, the lowest at "
-        f"{lost.min(initial=np.inf):.6g} Hz, were hardly driven by a blow of "
-        f"{rounded(struck.duration, 3)} s: forces drive them too softly"
+        f"{len(lost_frequencies)} of {np.count_nonzero(is_object_mode)} modes, the lowest at "
+        f"{lost_frequencies.min(initial=np.inf):.6g} Hz, were hardly driven by a blow of "
+        f"{rounded(pulse.duration, 3)} s: forces drive them too softly"
     )
     return replace(
         model,
-        gains=model.gains.deconvolved(struck.impulse * share * later),
+        gains=model.gains.deconvolved(pulse.impulse * drives * time_factors),
         provenance=model.provenance.extended(
-            dropped=(note,) * bool(len(lost)),
-            divided_blow={"impulse": struck.impulse, "duration": struck.duration},
+            dropped=(note,) * bool(len(lost_frequencies)),
+            divided_blow={"impulse": pulse.impulse, "duration": pulse.duration},
         ),
     )
 
 
-def _require_use(recorded: Recorded, way: str, radius: float) -> None:
+def _require_use(recorded: Recorded, interpolation: str, radius: float) -> None:
     if recorded.contacts is not None or recorded.listeners is not None:
         return
-    idle = {"way": way != "field", "radius": radius > 0, "symmetry": recorded.symmetry != "none"}
-    idle |= {"centre": recorded.centre.any()}
-    given = [name for name, asked in idle.items() if asked]
-    if given:
+    options = {
+        "way": interpolation != "field",
+        "radius": radius > 0,
+        "symmetry": recorded.symmetry != "none",
+    }
+    options |= {"centre": recorded.centre.any()}
+    option_names = [name for name, is_set in options.items() if is_set]
+    if option_names:
         raise OptionError(
-            f"{given[0]} is about the places where it was struck and heard, and none are given: "
-            "give a list of takes with their places (manifest=)"
+            f"{option_names[0]} is about the places where it was struck and heard, and none are "
+            "given: give a list of takes with their places (manifest=)"
         )
 
 
 def _require_modes(
-    fitted: Fitted, recorded: Recorded, told: dict[str, Any], *, force: bool
+    fit: PoleFit, recorded: Recorded, options: dict[str, Any], *, force: bool
 ) -> None:
-    if len(fitted.frequencies) and (fitted.verdict.modal or force):
+    if len(fit.frequencies) and (fit.verdict.modal or force):
         return
-    more = len(recorded.takes) - 1
-    names = recorded.takes[0].name + (f" and {more} more" if more else "")
-    if fitted.verdict.modal:
+    count = len(recorded.takes) - 1
+    names = recorded.takes[0].name + (f" and {count} more" if count else "")
+    if fit.verdict.modal:
         raise RecordingError(
             f"{names}: no mode is clear of the noise, all lie below {CLEAR:.0f} dB of "
             "energy: record louder or nearer, or fit for playing, with modes=64"
         )
-    way = told["method"]
-    other = (
-        f" That is by method={way!r}: leave method= out for the default." if way != "shared" else ""
+    method = options["method"]
+    method_note = (
+        f" That is by method={method!r}: leave method= out for the default."
+        if method != "shared"
+        else ""
     )
-    if told["budget"] is None and way == "shared":
-        other = " With modes=64 the blow is fitted too, for playing: of short sounds it is most."
-    advice = "" if not len(fitted.frequencies) else " Fit it all the same with force=True."
-    each = _each_alone(recorded.takes, told) if 1 < len(recorded.takes) <= _FEW else ""
-    raise RecordingError(f"{names}: not modal: {fitted.verdict.reason}.{each}{other}{advice}")
-
-
-def _each_alone(takes: Sequence[Take], told: dict[str, Any]) -> str:
-    """Return the sentence, for takes refused together, that names the ones modal alone."""
-    alone = {"method": told["method"], "budget": told["budget"]}
-    verdicts = [fit_poles(take, **alone).verdict for take in takes]
-    modal = [Path(take.name).name for take, each in zip(takes, verdicts, strict=True) if each.modal]
-    if len(modal) == len(takes):
-        return " Each alone is modal: they are not of one object, or it changed; fit them apart."
-    return f" Alone {', '.join(modal) or 'none'} of them would be modal."
-
-
-def _with_room_note(fitted: Fitted, seconds: float | None, *, measured: bool) -> Fitted:
-    """Add a note on the modes that may be the room's; of `measured` ones leave out its crowd."""
-    if seconds is None or not (fast := may_be_of_room(fitted.decays, seconds)).any():
-        return fitted
-    heard = Exponentials(poles=-fitted.decays + 2j * np.pi * fitted.frequencies, gains=fitted.gains)
-    own = np.isin(fitted.heard.decays, fitted.decays)
-    crowd = hidden(heard, ~fast, _TOLD) & raised(fitted.segments, fitted.heard)[own]
-    notes = list(fitted.notes)
-    if measured and crowd.any():
-        notes.append(
-            f"{crowd.sum()} modes that die away as fast as the room, T60 {rounded(seconds, 2)} s, "
-            "and hardly stand out of what else sounds there, left out of the model as its own"
+    if options["budget"] is None and method == "shared":
+        method_note = (
+            " With modes=64 the blow is fitted too, for playing: of short sounds it is most."
         )
-        fitted, fast = fitted.of(~crowd), fast[~crowd]
-    if fast.any():
+    advice = "" if not len(fit.frequencies) else " Fit it all the same with force=True."
+    takes_note = (
+        _list_modal_takes(recorded.takes, options)
+        if 1 < len(recorded.takes) <= _MAX_JUDGED_TAKES
+        else ""
+    )
+    raise RecordingError(
+        f"{names}: not modal: {fit.verdict.reason}.{takes_note}{method_note}{advice}"
+    )
+
+
+def _list_modal_takes(takes: Sequence[Take], options: dict[str, Any]) -> str:
+    """Return the sentence, for takes refused together, that names the ones modal alone."""
+    single_options = {"method": options["method"], "budget": options["budget"]}
+    verdicts = [fit_poles(take, **single_options).verdict for take in takes]
+    modal_names = [
+        Path(take.name).name for take, verdict in zip(takes, verdicts, strict=True) if verdict.modal
+    ]
+    if len(modal_names) == len(takes):
+        return " Each alone is modal: they are not of one object, or it changed; fit them apart."
+    return f" Alone {', '.join(modal_names) or 'none'} of them would be modal."
+
+
+def _add_room_note(fit: PoleFit, seconds: float | None, *, measured: bool) -> PoleFit:
+    """Add a note on modes that may be of the room; drop its spurious modes if `measured`."""
+    if seconds is None or not (is_fast := may_be_of_room(fit.decays, seconds)).any():
+        return fit
+    exponentials = Exponentials(poles=-fit.decays + 2j * np.pi * fit.frequencies, gains=fit.gains)
+    is_fitted = np.isin(fit.exponentials.decays, fit.decays)
+    is_spurious = (
+        find_masked(exponentials, ~is_fast, _MIN_SKIRT_RATIO)
+        & find_unexplained_bands(fit.segments, fit.exponentials)[is_fitted]
+    )
+    notes = list(fit.notes)
+    if measured and is_spurious.any():
         notes.append(
-            f"{fast.sum()} of {len(fast)} modes die away nearly as fast as the room, T60 "
+            f"{is_spurious.sum()} modes that die away as fast as the room, T60 "
+            f"{rounded(seconds, 2)} s, and do not stand out of the other sound in their bands, are "
+            "left out of the model as modes of the room"
+        )
+        fit, is_fast = fit.of(~is_spurious), is_fast[~is_spurious]
+    if is_fast.any():
+        notes.append(
+            f"{is_fast.sum()} of {len(is_fast)} modes die away nearly as fast as the room, T60 "
             f"{rounded(seconds, 2)} s, or faster: they may be its own; those that stay when the "
             "object is moved are not"
         )
-    return replace(fitted, notes=tuple(notes))
+    return replace(fit, notes=tuple(notes))
 
 
-def _made(
-    fitted: Fitted,
+def _make_fitting(
+    fit: PoleFit,
     recorded: Recorded,
     seconds: float | None,
-    way: str,
+    interpolation: str,
     radius: float,
     method: str,
     *,
     residual: bool | None,
 ) -> Fitting:
-    still = zip((without_hum(take)[0] for take in recorded.takes), fitted.controls, strict=True)
-    calm = replace(recorded, takes=tuple(by.undone(take) if by else take for take, by in still))
-    gathered = Gathered.of(fitted, calm)
-    survey, gains = _gains(gathered, recorded, way, radius, ~fitted.blow)
-    rest, short = remainder(fitted, calm, gathered)
-    asked = short > SHORT if residual is None else residual
-    places = {RECORDED: np.zeros(0) if survey is None else _loudest(survey, fitted.decays)}
+    takes_and_controls = zip(
+        (without_hum(take)[0] for take in recorded.takes), fit.controls, strict=True
+    )
+    calm_takes = replace(
+        recorded,
+        takes=tuple(
+            control.undone(take) if control else take for take, control in takes_and_controls
+        ),
+    )
+    gathered = Gathered.of(fit, calm_takes)
+    survey, gains = _gains(gathered, recorded, interpolation, radius, ~fit.blow)
+    residual_sound, deficit = remainder(fit, calm_takes, gathered)
+    has_residual = deficit > MAX_DEFICIT if residual is None else residual
+    places = {RECORDED: np.zeros(0) if survey is None else _loudest(survey, fit.decays)}
     model = ModalModel(
-        frequencies=fitted.frequencies,
-        natural_frequencies=np.hypot(fitted.frequencies, fitted.decays / (2 * np.pi)),
-        decays=fitted.decays,
+        frequencies=fit.frequencies,
+        natural_frequencies=np.hypot(fit.frequencies, fit.decays / (2 * np.pi)),
+        decays=fit.decays,
         gains=gains,
         centre=recorded.centre,
         complete_to=0.0,
-        errors=fitted.frequency_errors / fitted.frequencies,
+        errors=fit.frequency_errors / fit.frequencies,
         places=places,
         coordinates=() if survey is None else recorded.coordinates or ("u",),
-        residual=rest if asked else None,
-        provenance=_provenance(fitted, recorded, gains, method, gathered),
+        residual=residual_sound if has_residual else None,
+        provenance=_provenance(fit, recorded, gains, method, gathered),
     )
     return Fitting(
         model=model,
-        fitted=fitted,
+        fitted=fit,
         recorded=recorded,
         survey=survey,
         lead=gathered.lead,
-        room=None if seconds is None else may_be_of_room(fitted.decays, seconds),
-        residual=rest,
-        short=short,
+        room=None if seconds is None else may_be_of_room(fit.decays, seconds),
+        residual=residual_sound,
+        short=deficit,
     )
 
 
 def _gains(
-    gathered: Gathered, recorded: Recorded, way: str, radius: float, own: Mask
+    gathered: Gathered, recorded: Recorded, interpolation: str, radius: float, is_object_mode: Mask
 ) -> tuple[Survey | None, Gains]:
     if recorded.contacts is None and recorded.listeners is None:
         outputs = gathered.in_one_point()
         return None, SinglePoint(outputs=outputs, centre=recorded.centre)
     survey = gathered.survey(recorded)
-    if way == "table":
+    if interpolation == "table":
         return survey, TimbreTable.of(survey)
-    return survey, TimbreField.of(survey, radius=radius, own=own)
+    return survey, TimbreField.of(survey, radius=radius, own=is_object_mode)
 
 
 def _loudest(survey: Survey, decays: Array) -> Array:
@@ -361,10 +390,10 @@ def _loudest(survey: Survey, decays: Array) -> Array:
 
 
 def _provenance(
-    fitted: Fitted, recorded: Recorded, gains: Gains, method: str, gathered: Gathered
+    fit: PoleFit, recorded: Recorded, gains: Gains, method: str, gathered: Gathered
 ) -> Provenance:
-    notes = fitted.notes + tuple(getattr(gains, "notes", ()))
-    if isinstance(gains, SinglePoint) and gathered.range > _APART:
+    notes = fit.notes + tuple(getattr(gains, "notes", ()))
+    if isinstance(gains, SinglePoint) and gathered.range > _MAX_LEVEL_RANGE:
         note = (
             f"the levels of the takes differ by {gathered.range:.0f} dB, and sound alone does not "
             "show whether the blows or the distances do: each take counts as loud as the loudest; "
@@ -376,11 +405,11 @@ def _provenance(
         "recordings": len(recorded.takes),
         "hits": hits,
         "channels": int(np.bincount(gathered.hits).max()),
-        "signal_to_residual": round(fitted.verdict.signal_to_residual, 2),
-        "explained_by_one_strike": round(one_strike(fitted), 4),
-        "rank_error": _middle(getattr(gains, "rank_errors", None), ~fitted.blow),
-        "blow": np.flatnonzero(fitted.blow).tolist() or None,
-        "vague": np.flatnonzero(fitted.vague).tolist() or None,
+        "signal_to_residual": round(fit.verdict.signal_to_residual, 2),
+        "explained_by_one_strike": round(one_strike(fit), 4),
+        "rank_error": _median_error(getattr(gains, "rank_errors", None), ~fit.blow),
+        "blow": np.flatnonzero(fit.blow).tolist() or None,
+        "vague": np.flatnonzero(fit.vague).tolist() or None,
     }
     references = _REFERENCES[method]
     if isinstance(gains, TimbreField):
@@ -393,20 +422,20 @@ def _provenance(
     )
 
 
-def _middle(errors: Array | None, own: Mask) -> float | None:
-    """Return the median of the finite errors of the object's own modes."""
-    known = np.zeros(0) if errors is None else errors[np.isfinite(errors) & own]
-    return float(np.round(np.median(known), 5)) if known.size else None
+def _median_error(errors: Array | None, is_object_mode: Mask) -> float | None:
+    """Return the median of the finite errors of the object's modes."""
+    finite_errors = np.zeros(0) if errors is None else errors[np.isfinite(errors) & is_object_mode]
+    return float(np.round(np.median(finite_errors), 5)) if finite_errors.size else None
 
 
 def files_read(
     recordings: Recording | Sequence[Recording], manifest: str | os.PathLike[str] | None
 ) -> list[str | os.PathLike[str]]:
     """Return all files that a fit reads, including the files named by a manifest or in a folder."""
-    several = [recordings]
+    sources = [recordings]
     if isinstance(recordings, Sequence) and not isinstance(recordings, str):
-        several = recordings
-    named = [each for each in (*several, manifest) if isinstance(each, str | os.PathLike)]
-    paths = [manifest_in(Path(each)) if is_folder(each) else Path(each) for each in named]
+        sources = recordings
+    files = [source for source in (*sources, manifest) if isinstance(source, str | os.PathLike)]
+    paths = [manifest_in(Path(name)) if is_folder(name) else Path(name) for name in files]
     lists = [path for path in paths if path.suffix.lower() in KINDS and is_file(path)]
-    return [*named, *lists, *(file for path in lists for file in read_manifest(path).files)]
+    return [*files, *lists, *(file for path in lists for file in read_manifest(path).files)]

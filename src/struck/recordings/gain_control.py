@@ -1,4 +1,4 @@
-"""Automatic gain control of a take, found by its noise and undone.
+"""Automatic gain control of a take, estimated from its noise and undone.
 
 Phones turn the gain down when something is struck and up again while it dies away: all modes seem
 to ring longer. The noise of the surroundings is stationary, and its level shows the gain at each
@@ -22,17 +22,21 @@ from struck.recordings.takes import Take
 
 _WINDOW, _CHUNK = 0.0116, 4096  # s, and windows transformed at a time
 _FIRST, _BINS = 4, 8  # bins left out at 0 Hz, and bins of a band
-_FEWEST, _LOWEST = 8, 4  # windows of a lead-in, and of its bands the share that is noise: 1 in 4
+_MIN_WINDOWS = 8  # windows of a lead-in
+_NOISE_DIVISOR = 4  # one in this many bands of a window, the softest, is taken as noise
 _SILENT = 1e-12  # of the loudest: less is no noise
-_ROUNDS, _BEYOND = 12, 2.0  # standard deviations over the noise: something rings in the band
-_ALIKE = 0.35  # share of a window that is independent of the others
+_ROUNDS = 12
+# standard deviations over the noise at which a band contains a ringing mode
+_NOISE_DEVIATIONS = 2.0
+_INDEPENDENT_FRACTION = 0.35  # share of a window that is independent of the others
 _BENDS = 160.0  # variance of the change of slope of the logarithm of the gain in a second, 1/s^3
-_ATTACK = 0.005  # s after a hit until which nothing is told by the noise
+_ATTACK = 0.005  # s after a hit in which the noise does not show the gain
 _RINGS = 0.35  # nepers over the lead-in: not noise
-_DEEP, _SURE = 0.17, 6.0  # nepers (1.5 dB), and in standard errors, that the gain falls at least
-_CALM = 0.3  # of that, how far it may move before the hit
-_SETTLED = 0.02  # s after a hit until which the gain follows it
-UNKNOWN = 0.05  # largest standard error of a decay, in the median over the modes
+_MIN_DEPTH = 0.17  # nepers (1.5 dB) by which the gain falls at least
+_MIN_STANDARD_ERRORS = 6.0  # the same in standard errors
+_MAX_LEAD_IN_CHANGE = 0.3  # of that, how far it may move before the hit
+_SETTLING_TIME = 0.02  # s after a hit until which the gain follows it
+MAX_DECAY_ERROR = 0.05  # largest standard error of a decay, in the median over the modes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -57,8 +61,8 @@ class GainControl:
 
     def settled(self, hits: Sequence[Hit], sample_rate: float) -> list[Hit]:
         """Return hits that ring freely only when the gain follows them no more."""
-        wait = round(_SETTLED * sample_rate)
-        return [replace(hit, start=min(max(hit.start, hit.onset + wait), hit.end)) for hit in hits]
+        delay = round(_SETTLING_TIME * sample_rate)
+        return [replace(hit, start=min(max(hit.start, hit.onset + delay), hit.end)) for hit in hits]
 
     def decay_errors(self, decays: Array) -> Array:
         """Return standard errors of decays (M,), 1/s, that come from the gain's errors.
@@ -68,59 +72,68 @@ class GainControl:
         step = self.times[1] - self.times[0]
         rates = np.clip(decays, 1 / (self.times[-1] - self.times[0]), 0.25 / step)
         ends = np.append(self.onsets[1:], self.times[-1])
-        found = np.full(len(decays), np.inf)
+        errors = np.full(len(decays), np.inf)
         for onset, end in zip(self.onsets, ends, strict=True):
-            since = (self.times - onset - _SETTLED)[:, None]
-            inside = (since >= 0) & (self.times < end)[:, None]
-            if np.count_nonzero(inside) < _FEWEST:
+            elapsed_times = (self.times - onset - _SETTLING_TIME)[:, None]
+            is_inside = (elapsed_times >= 0) & (self.times < end)[:, None]
+            if np.count_nonzero(is_inside) < _MIN_WINDOWS:
                 continue
-            energies = np.where(inside, np.exp(-2 * rates * np.where(inside, since, 0.0)), 0.0)
-            slopes = energies * (since - (energies * since).sum(axis=0) / energies.sum(axis=0))
-            slopes /= (slopes * since).sum(axis=0)
+            energies = np.where(
+                is_inside, np.exp(-2 * rates * np.where(is_inside, elapsed_times, 0.0)), 0.0
+            )
+            slopes = energies * (
+                elapsed_times - (energies * elapsed_times).sum(axis=0) / energies.sum(axis=0)
+            )
+            slopes /= (slopes * elapsed_times).sum(axis=0)
             variances = (slopes * solveh_banded(self.precision, slopes)).sum(axis=0)
-            found = np.minimum(found, np.sqrt(variances))
-        return found
+            errors = np.minimum(errors, np.sqrt(variances))
+        return errors
 
 
 def gain_control(take: Take, hits: Sequence[Hit]) -> GainControl | None:
     """Return the gain control of a take, or None where its noise shows none."""
-    rate, before = take.sample_rate, lead_in(take, hits).shape[1] if hits else 0
+    rate, lead_length = take.sample_rate, lead_in(take, hits).shape[1] if hits else 0
     size = 2 ** round(np.log2(_WINDOW * rate))
     step = size // 4
-    if before < size + _FEWEST * step or any(lossy(each, rate) for each in take.samples):
+    if lead_length < size + _MIN_WINDOWS * step or any(
+        lossy(channel, rate) for channel in take.samples
+    ):
         return None
     powers = _band_powers(take, size, step)
-    middles = np.arange(len(powers)) * step + size // 2
-    quiet = middles < before - size // 2
-    if np.median(powers[quiet]) <= _SILENT * powers.max():
+    centres = np.arange(len(powers)) * step + size // 2
+    is_quiet = centres < lead_length - size // 2
+    if np.median(powers[is_quiet]) <= _SILENT * powers.max():
         return None
-    levels, bands = _noise_levels(powers, quiet)
+    levels, bands = _noise_levels(powers, is_quiet)
     onsets = np.array([hit.onset for hit in hits])
-    scatter = float(levels[quiet].var()) * float(np.median(bands[quiet]))
-    weights = _ALIKE * bands / max(scatter, 1e-12)
-    rising = middles[:, None] - onsets
-    struck = (rising > -size / 2) & (rising < size / 2 + _ATTACK * rate)
-    weights[struck.any(axis=1) | (levels > _RINGS)] = 0.0
-    found = _smooth(levels, weights, np.searchsorted(middles, onsets), step / rate)
+    scatter = float(levels[is_quiet].var()) * float(np.median(bands[is_quiet]))
+    weights = _INDEPENDENT_FRACTION * bands / max(scatter, 1e-12)
+    rising = centres[:, None] - onsets
+    is_struck = (rising > -size / 2) & (rising < size / 2 + _ATTACK * rate)
+    weights[is_struck.any(axis=1) | (levels > _RINGS)] = 0.0
+    estimate = _smooth(levels, weights, np.searchsorted(centres, onsets), step / rate)
     control = GainControl(
-        times=middles / rate,
-        logarithms=np.minimum(found[0] - np.average(found[0][quiet]), _RINGS),
-        precision=found[1],
+        times=centres / rate,
+        logarithms=np.minimum(estimate[0] - np.average(estimate[0][is_quiet]), _RINGS),
+        precision=estimate[1],
         onsets=onsets / rate,
     )
-    return control if _is_sure(control, quiet, weights > 0) else None
+    return control if _is_sure(control, is_quiet, weights > 0) else None
 
 
-def _is_sure(control: GainControl, quiet: Mask, heard: Mask) -> bool:
+def _is_sure(control: GainControl, is_quiet: Mask, is_measured: Mask) -> bool:
     """Return whether the gain has fallen by more than noise would, and not before the hit."""
-    shown = np.where(heard & ~quiet, control.logarithms, 0.0)
-    deepest = int(shown.argmin())
-    there = np.zeros(len(shown))
-    there[deepest] = 1.0
-    error = np.sqrt(solveh_banded(control.precision, there)[deepest])
-    fallen = -shown[deepest]
-    moved = np.abs(control.logarithms[quiet]).max()
-    return bool(fallen > max(_DEEP, _SURE * error) and moved < _CALM * fallen)
+    levels = np.where(is_measured & ~is_quiet, control.logarithms, 0.0)
+    deepest_frame = int(levels.argmin())
+    unit = np.zeros(len(levels))
+    unit[deepest_frame] = 1.0
+    error = np.sqrt(solveh_banded(control.precision, unit)[deepest_frame])
+    depth = -levels[deepest_frame]
+    lead_in_change = np.abs(control.logarithms[is_quiet]).max()
+    return bool(
+        depth > max(_MIN_DEPTH, _MIN_STANDARD_ERRORS * error)
+        and lead_in_change < _MAX_LEAD_IN_CHANGE * depth
+    )
 
 
 def _band_powers(take: Take, size: int, step: int) -> Array:
@@ -130,32 +143,32 @@ def _band_powers(take: Take, size: int, step: int) -> Array:
     parts = []
     for start in range(0, take.samples.shape[1] - size + 1, _CHUNK * step):
         piece = take.samples[:, start : start + (_CHUNK - 1) * step + size]
-        heard = np.abs(frames(piece, window, step)[:, :, _FIRST : _FIRST + count]) ** 2
-        bands = heard.reshape(*heard.shape[:2], -1, _BINS).astype(float)
+        powers = np.abs(frames(piece, window, step)[:, :, _FIRST : _FIRST + count]) ** 2
+        bands = powers.reshape(*powers.shape[:2], -1, _BINS).astype(float)
         parts.append(np.concatenate(list(bands), axis=1))
     return np.concatenate(parts).reshape(-1, parts[0].shape[1] * _BINS)
 
 
-def _noise_levels(powers: Array, quiet: Mask) -> tuple[Array, Array]:
+def _noise_levels(powers: Array, is_quiet: Mask) -> tuple[Array, Array]:
     """Return the level of the noise in each window (F,), nepers, and how many bands show it.
 
     The softest bands are noise for sure; others are while they are no louder than noise can be.
     """
-    usual = uniform_filter1d(powers[quiet].mean(axis=0), 5)
-    relative = powers / np.maximum(usual, max(_SILENT * float(powers.max()), 1e-300))
-    relative = relative.reshape(len(powers), -1, _BINS).mean(axis=2)
-    spread = float(relative[quiet].std())
-    relative.sort(axis=1)
-    level = relative[:, : max(1, relative.shape[1] // _LOWEST)].mean(axis=1)
-    places = np.arange(len(relative))
-    sums = np.cumsum(relative, axis=1)
-    count = np.ones(len(relative), int)
+    mean_powers = uniform_filter1d(powers[is_quiet].mean(axis=0), 5)
+    relative_powers = powers / np.maximum(mean_powers, max(_SILENT * float(powers.max()), 1e-300))
+    relative_powers = relative_powers.reshape(len(powers), -1, _BINS).mean(axis=2)
+    spread = float(relative_powers[is_quiet].std())
+    relative_powers.sort(axis=1)
+    level = relative_powers[:, : max(1, relative_powers.shape[1] // _NOISE_DIVISOR)].mean(axis=1)
+    places = np.arange(len(relative_powers))
+    sums = np.cumsum(relative_powers, axis=1)
+    count = np.ones(len(relative_powers), int)
     for _ in range(_ROUNDS):
-        count = (relative < ((1 + _BEYOND * spread) * level)[:, None]).sum(axis=1)
+        count = (relative_powers < ((1 + _NOISE_DEVIATIONS * spread) * level)[:, None]).sum(axis=1)
         count = np.maximum(count, 1)
         level = sums[places, count - 1] / count
-    usually = float(np.median(level[quiet]))
-    return 0.5 * np.log(np.clip(level / max(usually, 1e-12), 1e-12, 1e12)), count
+    median_level = float(np.median(level[is_quiet]))
+    return 0.5 * np.log(np.clip(level / max(median_level, 1e-12), 1e-12, 1e12)), count
 
 
 def _smooth(levels: Array, weights: Array, breaks: Index, step: float) -> tuple[Array, Array]:

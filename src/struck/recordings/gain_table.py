@@ -11,110 +11,121 @@ from struck.errors import RecordingError
 from struck.model.arrays import Array, Complex, Index
 from struck.model.material import AIR
 from struck.model.survey import Survey
-from struck.recordings.poles.search import Fitted
+from struck.recordings.poles.search import PoleFit
 from struck.recordings.takes import Recorded
 
 # The steepest rise is off by some samples in noise. The fit knows better: run backwards, its modes
-# go on to explain the samples up to the moment of the hit, and before it only what rang already
-# does.
+# explain the samples up to the moment of the hit, and only earlier modes explain those before it.
 
-_EARLIER = 0.003  # earliest arrival before the steepest rise, s
-_MANY, _SAMPLES = 4, 3.0  # takes of a trigger at least, and how far off half may be, samples
-_DOUBTFUL = 100.0  # a moment is possible up to this residual energy over the least, noise being 1
+_MAX_ADVANCE = 0.003  # earliest arrival before the steepest rise, s
+_MIN_TRIGGERED_TAKES = 4
+_SAMPLES = 3.0  # largest median deviation of the moments of impact, samples
+_MAX_COST = 100.0  # a moment is possible up to this residual energy over the least, noise being 1
 
 
-def arrivals(fitted: Fitted, recorded: Recorded) -> Array:
+def arrivals(fit: PoleFit, recorded: Recorded) -> Array:
     """Return when the sound of each row arrived (rows,), s in its take.
 
-    The channels of a hit share one moment but for their distances. Takes that a trigger fired share
-    the moment of impact, too, where no take plainly speaks against it.
+    The channels of a hit share one moment, corrected for their distances. Triggered takes share the
+    moment of impact, too, except for takes whose residual excludes it.
     """
-    times = np.array([row.onset for row in fitted.rows])
-    late = travels(fitted, recorded)
-    numbers = np.array([(row.take, row.hit) for row in fitted.rows])
+    times = np.array([row.onset for row in fit.rows])
+    extra_times = travels(fit, recorded)
+    numbers = np.array([(row.take, row.hit) for row in fit.rows])
     hits = [np.flatnonzero((numbers == hit).all(axis=1)) for hit in np.unique(numbers, axis=0)]
-    costs = [_shared_costs(fitted, recorded, rows, late[rows]) for rows in hits]
+    costs = [_shared_costs(fit, recorded, rows, extra_times[rows]) for rows in hits]
     for rows, cost in zip(hits, costs, strict=True):
-        times[rows] += np.argmin(cost) / _rate(fitted, recorded, rows) - _EARLIER + late[rows]
-    return _triggered(times, hits, costs, fitted, recorded)
+        times[rows] += (
+            np.argmin(cost) / _rate(fit, recorded, rows) - _MAX_ADVANCE + extra_times[rows]
+        )
+    return _triggered(times, hits, costs, fit, recorded)
 
 
-def _rate(fitted: Fitted, recorded: Recorded, rows: Index) -> int:
-    return recorded.takes[fitted.rows[rows[0]].take].sample_rate
+def _rate(fit: PoleFit, recorded: Recorded, rows: Index) -> int:
+    return recorded.takes[fit.rows[rows[0]].take].sample_rate
 
 
-def _shared_costs(fitted: Fitted, recorded: Recorded, rows: Index, late: Array) -> Array:
+def _shared_costs(fit: PoleFit, recorded: Recorded, rows: Index, extra_times: Array) -> Array:
     """Return the residual energy of a hit for each moment of its arrival, earliest first."""
-    shifts = np.round(late * _rate(fitted, recorded, rows)).astype(int)
+    shifts = np.round(extra_times * _rate(fit, recorded, rows)).astype(int)
     costs = [
-        _costs(fitted, recorded, int(row), int(shift))
-        for row, shift in zip(rows, shifts, strict=True)
+        _costs(fit, recorded, int(row), int(shift)) for row, shift in zip(rows, shifts, strict=True)
     ]
-    return np.sum([each[: min(map(len, costs))] for each in costs], axis=0)
+    return np.sum([row_costs[: min(map(len, costs))] for row_costs in costs], axis=0)
 
 
 def _triggered(
-    times: Array, hits: list[Index], costs: list[Array], fitted: Fitted, recorded: Recorded
+    times: Array, hits: list[Index], costs: list[Array], fit: PoleFit, recorded: Recorded
 ) -> Array:
     """Return arrivals moved to the median moment of impact, in takes that agree with it.
 
     A trigger is more exact than any arrival in noise; no hand strikes many takes within samples.
     """
-    if recorded.listeners is None or len(hits) < _MANY or len(hits) > len(recorded.takes):
+    if (
+        recorded.listeners is None
+        or len(hits) < _MIN_TRIGGERED_TAKES
+        or len(hits) > len(recorded.takes)
+    ):
         return times
-    ways = np.array([recorded.distance(row.take, row.channel) for row in fitted.rows])
-    impacts = times - ways / AIR.sound_speed
+    distances = np.array([recorded.distance(row.take, row.channel) for row in fit.rows])
+    impacts = times - distances / AIR.sound_speed
     moment = np.median(impacts)
-    if np.median(np.abs(impacts - moment)) * _rate(fitted, recorded, hits[0]) > _SAMPLES:
+    if np.median(np.abs(impacts - moment)) * _rate(fit, recorded, hits[0]) > _SAMPLES:
         return times
-    moved = times.copy()
+    moved_times = times.copy()
     for rows, cost in zip(hits, costs, strict=True):
-        best = int(np.argmin(cost))
-        place = best + round(float(moment - impacts[rows[0]]) * _rate(fitted, recorded, rows))
-        if 0 <= place < len(cost) and cost[place] - cost[best] < _DOUBTFUL:
-            moved[rows] = moment + ways[rows] / AIR.sound_speed
-    return moved
+        best_index = int(np.argmin(cost))
+        place = best_index + round(float(moment - impacts[rows[0]]) * _rate(fit, recorded, rows))
+        if 0 <= place < len(cost) and cost[place] - cost[best_index] < _MAX_COST:
+            moved_times[rows] = moment + distances[rows] / AIR.sound_speed
+    return moved_times
 
 
-def travels(fitted: Fitted, recorded: Recorded) -> Array:
+def travels(fit: PoleFit, recorded: Recorded) -> Array:
     """Return how much later than at its take's nearest microphone each row's sound arrived, s."""
     if recorded.listeners is None:
-        return np.zeros(len(fitted.rows))
-    ways = [np.linalg.norm(each - recorded.centre, axis=1) for each in recorded.listeners]
-    late = [ways[row.take][row.channel] - np.nanmin(ways[row.take]) for row in fitted.rows]
-    return np.array(late) / AIR.sound_speed
+        return np.zeros(len(fit.rows))
+    distances = [np.linalg.norm(points - recorded.centre, axis=1) for points in recorded.listeners]
+    extra_distances = [
+        distances[row.take][row.channel] - np.nanmin(distances[row.take]) for row in fit.rows
+    ]
+    return np.array(extra_distances) / AIR.sound_speed
 
 
-def _costs(fitted: Fitted, recorded: Recorded, row: int, shift: int) -> Array:
+def _costs(fit: PoleFit, recorded: Recorded, row: int, shift: int) -> Array:
     """Return a channel's residual energy over its noise for each arrival from the earliest on."""
-    what = fitted.rows[row]
-    take = recorded.takes[what.take]
+    entry = fit.rows[row]
+    take = recorded.takes[entry.take]
     rate = take.sample_rate
-    first = round((what.onset - _EARLIER) * rate) + shift
-    inside = np.arange(first, max(round(what.time * rate) + shift, first + 2))
-    known = (inside >= 0) & (inside < take.samples.shape[1])
-    heard = np.zeros(len(inside))
-    heard[known] = take.samples[what.channel, inside[known]]
-    after = heard - fitted.ringing(row, first / rate, len(inside))
-    earlier = _earlier(fitted, row)
-    before = heard
-    if earlier is not None:
-        before = heard - fitted.ringing(earlier, first / rate, len(inside))
-    noise = float(fitted.noise_in(row, np.array([20.0, 0.45 * rate]))[0])
-    return np.concatenate([[0.0], np.cumsum((before**2 - after**2) / max(noise, 1e-300))])
+    first = round((entry.onset - _MAX_ADVANCE) * rate) + shift
+    indices = np.arange(first, max(round(entry.time * rate) + shift, first + 2))
+    is_recorded = (indices >= 0) & (indices < take.samples.shape[1])
+    samples = np.zeros(len(indices))
+    samples[is_recorded] = take.samples[entry.channel, indices[is_recorded]]
+    fit_residual = samples - fit.ringing(row, first / rate, len(indices))
+    earlier_row = _find_earlier_row(fit, row)
+    earlier_residual = samples
+    if earlier_row is not None:
+        earlier_residual = samples - fit.ringing(earlier_row, first / rate, len(indices))
+    noise = float(fit.noise_in(row, np.array([20.0, 0.45 * rate]))[0])
+    return np.concatenate(
+        [[0.0], np.cumsum((earlier_residual**2 - fit_residual**2) / max(noise, 1e-300))]
+    )
 
 
-def _earlier(fitted: Fitted, row: int) -> int | None:
+def _find_earlier_row(fit: PoleFit, row: int) -> int | None:
     """Return the row of the hit before in the same channel, None for the first."""
-    own = fitted.rows[row]
-    before = ((each.take, each.channel) for each in fitted.rows[:row])
-    same = [number for number, channel in enumerate(before) if channel == (own.take, own.channel)]
-    return same[-1] if same else None
+    entry = fit.rows[row]
+    channels = ((other_row.take, other_row.channel) for other_row in fit.rows[:row])
+    rows = [
+        number for number, channel in enumerate(channels) if channel == (entry.take, entry.channel)
+    ]
+    return rows[-1] if rows else None
 
 
-_FINEST = 1e-6  # least error of a gain over the largest of its mode
-_MOST_GROWN = 1.0  # nepers a gain is followed back to its hit; beyond, it is hardly known
-_SLOWEST = 0.02  # 1/s
+_MIN_RELATIVE_ERROR = 1e-6  # least error of a gain over the largest of its mode
+_MAX_GROWTH = 1.0  # nepers a gain is followed back to its hit; beyond, its error is set to its size
+_MIN_DECAY = 0.02  # 1/s
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -131,35 +142,37 @@ class Gathered:
     lead: float  # from the arrival of a hit to the moment of the gains, s: it is still being struck
 
     @classmethod
-    def of(cls, fitted: Fitted, recorded: Recorded) -> Gathered:
+    def of(cls, fit: PoleFit, recorded: Recorded) -> Gathered:
         """Gather the rows of a fit."""
-        rows = fitted.rows
-        arrived = arrivals(fitted, recorded)
-        later = np.array([row.time for row in rows]) - arrived
-        lead = float(np.median(later))
-        growth = np.outer(later - lead, fitted.decays)
-        turns = np.outer(later - lead, 2 * np.pi * fitted.frequencies)
-        turned = np.exp(np.minimum(growth, _MOST_GROWN) - 1j * turns)
-        gains = np.asarray(fitted.gains * turned, np.complex128)
-        errors = fitted.gain_errors * np.abs(turned)
-        errors = np.where(growth > _MOST_GROWN, np.maximum(errors, np.abs(gains)), errors)
-        finest = _FINEST * np.maximum(np.abs(gains).max(axis=0, initial=0.0), 1e-300)
+        rows = fit.rows
+        arrival_times = arrivals(fit, recorded)
+        elapsed_times = np.array([row.time for row in rows]) - arrival_times
+        lead = float(np.median(elapsed_times))
+        growth = np.outer(elapsed_times - lead, fit.decays)
+        phases = np.outer(elapsed_times - lead, 2 * np.pi * fit.frequencies)
+        propagators = np.exp(np.minimum(growth, _MAX_GROWTH) - 1j * phases)
+        gains = np.asarray(fit.gains * propagators, np.complex128)
+        errors = fit.gain_errors * np.abs(propagators)
+        errors = np.where(growth > _MAX_GROWTH, np.maximum(errors, np.abs(gains)), errors)
+        min_errors = _MIN_RELATIVE_ERROR * np.maximum(
+            np.abs(gains).max(axis=0, initial=0.0), 1e-300
+        )
         hits = list(dict.fromkeys((row.take, row.hit) for row in rows))
         return cls(
             gains=gains,
-            errors=np.maximum(errors, finest),
-            poles=-fitted.decays + 2j * np.pi * fitted.frequencies,
+            errors=np.maximum(errors, min_errors),
+            poles=-fit.decays + 2j * np.pi * fit.frequencies,
             hits=np.array([hits.index((row.take, row.hit)) for row in rows]),
             takes=np.array([row.take for row in rows]),
             channels=np.array([row.channel for row in rows]),
-            arrivals=arrived,
+            arrivals=arrival_times,
             lead=lead,
         )
 
     @property
     def energies(self) -> Array:
         """Energies (n, M) of the modes over their duration."""
-        return np.abs(self.gains) ** 2 / (2 * np.maximum(-self.poles.real, _SLOWEST))
+        return np.abs(self.gains) ** 2 / (2 * np.maximum(-self.poles.real, _MIN_DECAY))
 
     @property
     def range(self) -> float:
@@ -174,24 +187,26 @@ class Gathered:
 
         Unknown listeners count as one place 1 m away, unknown contacts as one contact.
         """
-        told = self if recorded.listeners is not None else self.in_one_channel()
-        places, contact = _contacts(recorded, told.takes)
-        microphones, listener = _listeners(recorded, told)
-        gains, errors = aligned(told.gains, told.errors, told.hits, contact, listener, told.poles)
+        gathered = self if recorded.listeners is not None else self.in_one_channel()
+        places, contact = _contacts(recorded, gathered.takes)
+        microphones, listener = _listeners(recorded, gathered)
+        gains, errors = aligned(
+            gathered.gains, gathered.errors, gathered.hits, contact, listener, gathered.poles
+        )
         pairs, gains, errors = averaged(gains, errors, np.stack([contact, listener], axis=1))
         return Survey(
             contacts=places,
             listeners=microphones,
             pairs=pairs,
             gains=gains,
-            frequencies=told.poles.imag / (2 * np.pi),
+            frequencies=gathered.poles.imag / (2 * np.pi),
             errors=errors,
             centre=recorded.centre,
             symmetry=recorded.symmetry,
         )
 
     def in_one_channel(self) -> Gathered:
-        """Return one row for each hit: in each mode that of the channel that hears it best.
+        """Return one row for each hit: in each mode that of the channel with the most energy.
 
         Its size is the root mean square over channels, in the mean over hits.
         """
@@ -203,9 +218,9 @@ class Gathered:
             )
         rows = np.argsort(self.hits, kind="stable").reshape(len(counts), -1)  # of a hit in order
         energies = self.energies[rows].sum(axis=0)
-        best, modes = energies.argmax(axis=0), np.arange(self.gains.shape[1])
-        level = np.sqrt(energies.mean(axis=0) / np.maximum(energies[best, modes], 1e-300))
-        chosen = rows[:, best], modes
+        best_channels, modes = energies.argmax(axis=0), np.arange(self.gains.shape[1])
+        level = np.sqrt(energies.mean(axis=0) / np.maximum(energies[best_channels, modes], 1e-300))
+        chosen = rows[:, best_channels], modes
         return Gathered(
             gains=self.gains[chosen] * level,
             errors=self.errors[chosen] * level,
@@ -226,12 +241,12 @@ class Gathered:
         one = self.in_one_channel()
         energies = one.energies.sum(axis=1)
         loudest = int(energies.argmax())
-        shares = np.abs(one.gains) ** 2 / energies[:, None]
-        sure = one.errors < np.abs(one.gains)
-        sure[loudest] |= ~sure.any(axis=0)
-        mean = (shares * sure).sum(axis=0) / sure.sum(axis=0)
-        turns = one.gains[loudest] / np.maximum(np.abs(one.gains[loudest]), 1e-300)
-        phases = np.where(one.gains[loudest] == 0, 1.0, turns)
+        energy_fractions = np.abs(one.gains) ** 2 / energies[:, None]
+        is_sure = one.errors < np.abs(one.gains)
+        is_sure[loudest] |= ~is_sure.any(axis=0)
+        mean = (energy_fractions * is_sure).sum(axis=0) / is_sure.sum(axis=0)
+        phase_factors = one.gains[loudest] / np.maximum(np.abs(one.gains[loudest]), 1e-300)
+        phases = np.where(one.gains[loudest] == 0, 1.0, phase_factors)
         return np.asarray(np.sqrt(mean * energies[loudest]) * phases, np.complex128)
 
 
@@ -243,31 +258,33 @@ def _contacts(recorded: Recorded, takes: Index) -> tuple[Array, Index]:
     return places, number.reshape(-1)[takes]
 
 
-def _listeners(recorded: Recorded, told: Gathered) -> tuple[Array, Index]:
+def _listeners(recorded: Recorded, gathered: Gathered) -> tuple[Array, Index]:
     """Return each listener once, m, and the number of that of each row."""
     if recorded.listeners is None:
-        return recorded.centre + np.array([[1.0, 0.0, 0.0]]), np.zeros(len(told.takes), np.int64)
-    rows = zip(told.takes, told.channels, strict=True)
-    every = np.array([recorded.listeners[take][channel] for take, channel in rows])
-    places, number = np.unique(every, axis=0, return_inverse=True)
+        return recorded.centre + np.array([[1.0, 0.0, 0.0]]), np.zeros(
+            len(gathered.takes), np.int64
+        )
+    rows = zip(gathered.takes, gathered.channels, strict=True)
+    positions = np.array([recorded.listeners[take][channel] for take, channel in rows])
+    places, number = np.unique(positions, axis=0, return_inverse=True)
     return places, number.reshape(-1)
 
 
-# How hard and when each hit was. Nobody strikes twice alike. Two hits of one contact, heard at one
-# place, differ by a factor that is smooth over frequency: strength, length of the contact, and the
-# moment that was taken for their beginning. Contacts heard at one place differ in their drives,
-# which are real: what turns all their phases in proportion to frequency is an error of the moment
+# Strength and time of each hit, which differ from hit to hit. Two hits of one contact, recorded at
+# one place, differ by a factor that is smooth over frequency: strength, duration of the contact,
+# and error of their start. Contacts recorded at one place differ in their drives,
+# which are real: a phase difference in proportion to frequency is an error of the moment
 # again.
 
-_LATEST = 1e-3  # largest error of a moment, s
-_LIKELY = 3e-4  # usual error of a moment, s
+_MAX_DELAY = 1e-3  # largest error of a moment, s
+_DELAY_DEVIATION = 3e-4  # usual error of a moment, s
 _FINENESS = 8  # delays tried in a period of the highest mode
 _ZOOMS = 3  # refinements of the best delay
-_CLEAR = 100.0  # energy over that of its standard error from which a ratio of gains counts
-_SURE = 3.0  # standard errors from which a gain counts for loudness
+_MIN_ENERGY = 100.0  # energy over that of its standard error from which a ratio of gains counts
+_MIN_STANDARD_ERRORS = 3.0  # standard errors from which a gain counts for loudness
 # scatter of modes between hits of a contact; usual b at the highest mode
 _SCATTER, _SLOPE = 0.05, 1.0
-_TWO = 2  # least modes that show a moment
+_MIN_MODES = 2  # least modes that show a moment
 
 
 def aligned(
@@ -282,67 +299,75 @@ def aligned(
     """
     gains, errors = gains.copy(), errors.copy()
     frequencies = poles.imag / (2 * np.pi)
-    late = np.zeros(len(gains))
+    hit_delays = np.zeros(len(gains))
     leaders = hits.copy()
     for first, second in _compared(gains, errors, hits, contacts, listeners):
-        own = np.flatnonzero(hits == hits[second[0]])
-        repeated = contacts[first[0]] == contacts[second[0]]
-        delay = _delay(gains, errors, first, second, frequencies, turned=not repeated)
-        late[own], leaders[own] = delay, leaders[first[0]]
-        gains[own] *= np.exp(poles * delay)
-        if repeated:
+        rows = np.flatnonzero(hits == hits[second[0]])
+        is_repeated = contacts[first[0]] == contacts[second[0]]
+        delay = _delay(gains, errors, first, second, frequencies, turned=not is_repeated)
+        hit_delays[rows], leaders[rows] = delay, leaders[first[0]]
+        gains[rows] *= np.exp(poles * delay)
+        if is_repeated:
             strength = _strength(gains, errors, first, second, frequencies)
-            gains[own] /= strength
-            errors[own] /= strength
-    return gains * np.exp(-poles * _usual_delays(late, hits, leaders)[:, None]), errors
+            gains[rows] /= strength
+            errors[rows] /= strength
+    return gains * np.exp(-poles * _median_delays(hit_delays, hits, leaders)[:, None]), errors
 
 
-def _usual_delays(late: Array, hits: Index, leaders: Index) -> Array:
+def _median_delays(hit_delays: Array, hits: Index, leaders: Index) -> Array:
     """Return the median delay (n,) of the hits that follow the same first one."""
-    usual = np.zeros(len(late))
+    medians = np.zeros(len(hit_delays))
     for leader in np.unique(leaders):
-        own = leaders == leader
-        _, once = np.unique(hits[own], return_index=True)
-        usual[own] = np.median(late[own][once])
-    return usual
+        is_follower = leaders == leader
+        _, first_rows = np.unique(hits[is_follower], return_index=True)
+        medians[is_follower] = np.median(hit_delays[is_follower][first_rows])
+    return medians
 
 
 def _compared(
     gains: Complex, errors: Array, hits: Index, contacts: Index, listeners: Index
 ) -> Iterator[tuple[Index, Index]]:
     """Yield, hit by hit, the rows already in the table and the next hit's at their listeners."""
-    energies = np.where(np.abs(gains) > _SURE * errors, np.abs(gains) ** 2, 0.0).sum(axis=1)
+    energies = np.where(np.abs(gains) > _MIN_STANDARD_ERRORS * errors, np.abs(gains) ** 2, 0.0).sum(
+        axis=1
+    )
     numbers = np.unique(hits)
     loudness = [energies[hits == number].sum() for number in numbers]
-    known: list[int] = []
+    table_rows: list[int] = []
     for number in numbers[np.argsort(loudness, kind="stable")[::-1]]:
-        own = np.flatnonzero(hits == number)
-        shared = [row for row in known if listeners[row] in listeners[own]]
-        alike = [row for row in shared if contacts[row] == contacts[own[0]]]
-        chosen = {int(listeners[row]): row for row in reversed(alike or shared)}
+        rows = np.flatnonzero(hits == number)
+        shared = [row for row in table_rows if listeners[row] in listeners[rows]]
+        repeated_rows = [row for row in shared if contacts[row] == contacts[rows[0]]]
+        chosen = {int(listeners[row]): row for row in reversed(repeated_rows or shared)}
         if chosen:
-            second = [own[np.argmax(listeners[own] == place)] for place in chosen]
+            second = [rows[np.argmax(listeners[rows] == place)] for place in chosen]
             yield np.array(list(chosen.values())), np.array(second)
-        known += own.tolist()
+        table_rows += rows.tolist()
 
 
 def averaged(gains: Complex, errors: Array, pairs: Index) -> tuple[Index, Complex, Array]:
     """Return each pair (contact, listener) once, with the weighted mean of its gains and errors."""
-    distinct, number = np.unique(pairs, axis=0, return_inverse=True)
-    share = np.eye(len(distinct))[number.reshape(-1)].T
+    distinct_pairs, number = np.unique(pairs, axis=0, return_inverse=True)
+    membership = np.eye(len(distinct_pairs))[number.reshape(-1)].T
     weights = 1 / errors**2
-    total = share @ weights
-    return distinct, (share @ (weights * gains)) / total, 1 / np.sqrt(total)
+    total_weights = membership @ weights
+    return (
+        distinct_pairs,
+        (membership @ (weights * gains)) / total_weights,
+        1 / np.sqrt(total_weights),
+    )
 
 
 def _ratios(gains: Complex, errors: Array, first: Index, second: Index) -> tuple[Complex, Array]:
     """Return least-squares ratios of the second's gains to the first's, and their clarity (M,)."""
     weights = 1 / (errors[first] ** 2 + errors[second] ** 2)
-    own = (weights * np.abs(gains[first]) ** 2).sum(axis=0)
-    other = (weights * np.abs(gains[second]) ** 2).sum(axis=0)
-    ratios = (weights * gains[first].conj() * gains[second]).sum(axis=0) / np.maximum(own, 1e-300)
-    clear = np.minimum(own, other)
-    return ratios, np.where(clear > _CLEAR, clear, 0.0)
+    first_energies = (weights * np.abs(gains[first]) ** 2).sum(axis=0)
+    second_energies = (weights * np.abs(gains[second]) ** 2).sum(axis=0)
+    ratios = (weights * gains[first].conj() * gains[second]).sum(axis=0) / np.maximum(
+        first_energies, 1e-300
+    )
+    clear = np.minimum(first_energies, second_energies)
+    return ratios, np.where(clear > _MIN_ENERGY, clear, 0.0)
 
 
 def _strength(
@@ -350,15 +375,17 @@ def _strength(
 ) -> Array:
     """Return the second hit's strength over the first's (M,), smooth over frequency."""
     ratios, clear = _ratios(gains, errors, first, second)
-    kept = (clear > 0) & (ratios != 0)
-    if not kept.any():
+    is_clear = (clear > 0) & (ratios != 0)
+    if not is_clear.any():
         return np.full(len(frequencies), _overall(gains[first], gains[second]))
     squares = (frequencies / frequencies.max()) ** 2
-    columns = np.stack([np.ones_like(squares), np.minimum(squares, squares[kept].max())], axis=1)
-    # Modes scatter by more than noise: nobody strikes the same spot twice.
-    weights = np.sqrt(np.minimum(clear[kept], 1 / _SCATTER**2))
-    levels = weights * np.log(np.abs(ratios[kept]))
-    design = np.vstack([columns[kept] * weights[:, None], [0.0, 1 / _SLOPE]])
+    columns = np.stack(
+        [np.ones_like(squares), np.minimum(squares, squares[is_clear].max())], axis=1
+    )
+    # Modes scatter by more than noise, since hits differ in position.
+    weights = np.sqrt(np.minimum(clear[is_clear], 1 / _SCATTER**2))
+    levels = weights * np.log(np.abs(ratios[is_clear]))
+    design = np.vstack([columns[is_clear] * weights[:, None], [0.0, 1 / _SLOPE]])
     slopes, *_ = np.linalg.lstsq(design, np.append(levels, 0.0), rcond=None)
     return np.exp(columns @ slopes)
 
@@ -372,29 +399,31 @@ def _overall(first: Complex, second: Complex) -> float:
 def _delay(
     gains: Complex, errors: Array, first: Index, second: Index, frequencies: Array, *, turned: bool
 ) -> float:
-    """Return how late the second hit is, s: phases are 0 or, if `turned`, 0 or half a turn."""
+    """Return how late the second hit is, s: phases are 0 or, if `turned`, 0 or pi."""
     ratios, clear = _ratios(gains, errors, first, second)
-    turns = ratios / np.maximum(np.abs(ratios), 1e-300)
+    phase_factors = ratios / np.maximum(np.abs(ratios), 1e-300)
     times = 2 if turned else 1
-    return _best_delay(turns**times, np.sqrt(clear), times * frequencies)
+    return _best_delay(phase_factors**times, np.sqrt(clear), times * frequencies)
 
 
-def _best_delay(turns: Complex, weights: Array, frequencies: Array) -> float:
+def _best_delay(phase_factors: Complex, weights: Array, frequencies: Array) -> float:
     """Return the delay that makes phase factors (M,) most nearly 1, s; small ones are likelier."""
-    if np.count_nonzero(weights) < _TWO:
+    if np.count_nonzero(weights) < _MIN_MODES:
         return 0.0
     step = 1 / (_FINENESS * frequencies.max())
-    delays = np.arange(-np.ceil(_LATEST / step), np.ceil(_LATEST / step) + 1) * step
-    likely = np.exp(-0.5 * (delays / _LIKELY) ** 2)
-    scores = _agreement(turns, weights, frequencies, delays) * likely
-    best = float(delays[np.argmax(scores)])
+    delays = np.arange(-np.ceil(_MAX_DELAY / step), np.ceil(_MAX_DELAY / step) + 1) * step
+    priors = np.exp(-0.5 * (delays / _DELAY_DEVIATION) ** 2)
+    scores = _agreement(phase_factors, weights, frequencies, delays) * priors
+    best_delay = float(delays[np.argmax(scores)])
     for _ in range(_ZOOMS):
-        near = best + step * np.linspace(-1, 1, 2 * _FINENESS + 1)
-        best = float(near[np.argmax(_agreement(turns, weights, frequencies, near))])
+        near_delays = best_delay + step * np.linspace(-1, 1, 2 * _FINENESS + 1)
+        best_delay = float(
+            near_delays[np.argmax(_agreement(phase_factors, weights, frequencies, near_delays))]
+        )
         step /= _FINENESS
-    return best
+    return best_delay
 
 
-def _agreement(turns: Complex, weights: Array, frequencies: Array, delays: Array) -> Array:
+def _agreement(phase_factors: Complex, weights: Array, frequencies: Array, delays: Array) -> Array:
     waves = np.exp(2j * np.pi * np.outer(delays, frequencies))
-    return np.asarray((waves @ (weights * turns)).real, np.float64)
+    return np.asarray((waves @ (weights * phase_factors)).real, np.float64)

@@ -31,10 +31,10 @@ from struck.model.survey import SYMMETRIES, from_spherical
 NAME = "manifest.toml"  # of the manifest that `struck record` writes
 KINDS = (".toml", ".csv")
 _HEAD = "# What was struck where and heard from where, m; `struck record` wrote it.\n"
-LARGEST = 2**23  # bytes of a file that is read: a worse one of so many takes ten seconds
+LARGEST = 2**23  # bytes of a file that is read; the slowest file of this size takes ten seconds
 _BITS = 63  # of a whole number in TOML, its sign apart
 # Reading a key takes time as the square of its parts.
-_DEEPEST = 64
+_MAX_KEY_PARTS = 64
 _LONG_KEY = re.compile(r"""(?:\.[ \t]*[\w"'-]{1,99}[ \t]*){64}""")
 RATES = (8_000, 192_000)  # Hz, of recordings
 LONGEST = 600.0  # s, of a take
@@ -109,7 +109,7 @@ class Manifest:
 
     @property
     def contacts(self) -> Array:
-        """Each contact once (P, D), in order of appearance; D is 0 where there is none."""
+        """Each contact once (P, D), in order of appearance; D is 0 without contacts."""
         return np.array(list(dict.fromkeys(entry.contact for entry in self.entries)))
 
     @property
@@ -126,7 +126,9 @@ class Manifest:
         contacts = {place: number for number, place in enumerate(map(tuple, self.contacts))}
         listeners = {place: number for number, place in enumerate(map(tuple, self.listeners))}
         rows = ((entry.contact, place) for entry in self.entries for place in entry.listeners)
-        return np.array([(contacts[struck], listeners[heard]) for struck, heard in rows], np.int64)
+        return np.array(
+            [(contacts[contact], listeners[listener]) for contact, listener in rows], np.int64
+        )
 
     def chosen(self, files: Sequence[str | os.PathLike[str]]) -> Manifest:
         """Return the manifest of some files, in their order.
@@ -136,14 +138,16 @@ class Manifest:
         RecordingError
             When one of them has no entry.
         """
-        known = {real(path): entry for path, entry in zip(self.files, self.entries, strict=True)}
-        missing = [str(each) for each in files if real(each) not in known]
+        entries_by_path = {
+            real(path): entry for path, entry in zip(self.files, self.entries, strict=True)
+        }
+        missing = [str(file) for file in files if real(file) not in entries_by_path]
         if missing:
             raise RecordingError(
                 f"{len(missing)} of {len(files)} recordings have no entry in {self.path}, the "
                 f"first {missing[0]}: add them there, or leave them out"
             )
-        return replace(self, entries=tuple(known[real(each)] for each in files))
+        return replace(self, entries=tuple(entries_by_path[real(file)] for file in files))
 
     def text(self) -> str:
         """Return the manifest as TOML, from which `read_manifest` makes the same."""
@@ -175,19 +179,19 @@ def read_manifest(path: str | os.PathLike[str]) -> Manifest:
         When it cannot be read, a column is unknown, an entry is missing or no number, a file is
         missing, or a place occurs twice.
     """
-    given = Path(path)
-    kind = given.suffix.lower()
+    source = Path(path)
+    kind = source.suffix.lower()
     if kind == ".csv":
-        manifest = Manifest(path=given, entries=csv_entries(read_text(given), str(given)))
+        manifest = Manifest(path=source, entries=csv_entries(read_text(source), str(source)))
     elif kind == ".toml":
-        manifest = _from_toml(given, read_toml(given))
+        manifest = _from_toml(source, read_toml(source))
     else:
-        raise FileFormatError(f"{given} ends in {kind!r}: give a manifest in .toml or .csv")
+        raise FileFormatError(f"{source} ends in {kind!r}: give a manifest in .toml or .csv")
     if not manifest.entries:
-        raise FileFormatError(f"{given} has no takes: add one for each recording")
+        raise FileFormatError(f"{source} has no takes: add one for each recording")
     _require_files(manifest)
-    told = TomlTable({}, str(given))
-    require_named(manifest.coordinates, manifest.entries[0].contact, told.error)
+    table = TomlTable({}, str(source))
+    require_named(manifest.coordinates, manifest.entries[0].contact, table.error)
     return manifest
 
 
@@ -202,8 +206,10 @@ def recorded_so_far(path: Path) -> Manifest:
     if not os.path.lexists(path):
         return Manifest(path=path, entries=())
     manifest = _from_toml(path, read_toml(path))
-    there = zip(manifest.files, manifest.entries, strict=True)
-    return replace(manifest, entries=tuple(entry for file, entry in there if is_file(file)))
+    files_and_entries = zip(manifest.files, manifest.entries, strict=True)
+    return replace(
+        manifest, entries=tuple(entry for file, entry in files_and_entries if is_file(file))
+    )
 
 
 def require_named(
@@ -240,12 +246,12 @@ def _require_files(manifest: Manifest) -> None:
 
 def _require_alike(path: Path, entries: tuple[ManifestEntry, ...]) -> None:
     """Refuse takes without places among others, or with other numbers of coordinates."""
-    for what in ("contact", "listeners"):
-        without = [entry.file for entry in entries if not getattr(entry, what)]
-        if without and len(without) < len(entries):
+    for field in ("contact", "listeners"):
+        incomplete_files = [entry.file for entry in entries if not getattr(entry, field)]
+        if incomplete_files and len(incomplete_files) < len(entries):
             raise FileFormatError(
-                f"{path}: {len(without)} of {len(entries)} takes have no {what}, the first "
-                f"{without[0]}: add it, or take those of the others out"
+                f"{path}: {len(incomplete_files)} of {len(entries)} takes have no {field}, the "
+                f"first {incomplete_files[0]}: add it, or take those of the others out"
             )
     counts = sorted({len(entry.contact) for entry in entries})
     if len(counts) > 1:
@@ -271,12 +277,12 @@ def _require_once(path: Path, entries: tuple[ManifestEntry, ...]) -> None:
 
 
 def _entry_text(entry: ManifestEntry) -> str:
-    given = {key: value for key, value in asdict(entry).items() if value not in (None, "", ())}
-    return "\n[[takes]]\n" + _lines(given)
+    values = {key: value for key, value in asdict(entry).items() if value not in (None, "", ())}
+    return "\n[[takes]]\n" + _lines(values)
 
 
 def _lines(values: dict[str, object]) -> str:
-    """Return TOML of numbers, text and lists: JSON writes these alike, but for one character."""
+    """Return TOML of numbers, text and lists: as in JSON, except for one character."""
     texts = (
         (key, json.dumps(value, ensure_ascii=False, allow_nan=False).replace("\x7f", "\\u007f"))
         for key, value in values.items()
@@ -312,8 +318,8 @@ def toml_listeners(
     one = table.numbers(single, 3)
     radians = table.numbers("spherical", 3)
     degrees = table.numbers("spherical_degrees", 3)
-    several = table.list(many)
-    if sum(map(bool, (one, radians, degrees, several))) > 1:
+    places = table.list(many)
+    if sum(map(bool, (one, radians, degrees, places))) > 1:
         raise table.error(
             f"its listeners are given twice: give one of {single}, spherical, spherical_degrees "
             f"and {many}"
@@ -324,7 +330,7 @@ def toml_listeners(
         one = cartesian(radians)
     if one:
         return (one,)
-    return tuple(numbers(each, table, f"one of {many}", 3) for each in several)
+    return tuple(numbers(place, table, f"one of {many}", 3) for place in places)
 
 
 def cartesian(spherical: Place) -> Place:
@@ -333,7 +339,7 @@ def cartesian(spherical: Place) -> Place:
 
 
 class TomlTable:
-    """A table of a TOML file, whose keys are asked for one by one: unknown ones can be named."""
+    """A table of a TOML file whose keys are read one by one: unknown ones can be reported."""
 
     def __init__(self, values: Mapping[str, Any], name: str) -> None:
         self.name = name
@@ -350,12 +356,12 @@ class TomlTable:
 
     def number(self, key: str, low: float, high: float, default: float | None = None) -> float:
         """Return a number from `low` to `high`; without a default it has to be there."""
-        found = self.value(key)
-        if found is None and default is not None:
+        value = self.value(key)
+        if value is None and default is not None:
             return default
-        if not (_is_number(found) and low <= found <= high):
-            raise self.error(f"{key} is {_shown(found)}: give a number from {low:g} to {high:g}")
-        return float(found)
+        if not (_is_number(value) and low <= value <= high):
+            raise self.error(f"{key} is {_shown(value)}: give a number from {low:g} to {high:g}")
+        return float(value)
 
     def maybe(self, key: str, low: float, high: float) -> float | None:
         """Return a number from `low` to `high`, or None."""
@@ -363,70 +369,70 @@ class TomlTable:
 
     def count(self, key: str, low: int, high: int, *, default: int) -> int:
         """Return a whole number from `low` to `high`."""
-        found = float(self.number(key, low, high, default))
-        if not found.is_integer():
-            raise self.error(f"{key} is {rounded(found)}: give a whole number from {low} to {high}")
-        return int(found)
+        value = float(self.number(key, low, high, default))
+        if not value.is_integer():
+            raise self.error(f"{key} is {rounded(value)}: give a whole number from {low} to {high}")
+        return int(value)
 
     def text(self, key: str, default: str | None = None) -> str:
         """Return text; without a default it has to be there and not be empty."""
-        found = self.value(key)
-        if found is None and default is not None:
+        value = self.value(key)
+        if value is None and default is not None:
             return default
-        if not isinstance(found, str) or not (found or default is not None):
-            raise self.error(f'{key} is {_shown(found)}: give text, as {key} = "..."')
-        return found
+        if not isinstance(value, str) or not (value or default is not None):
+            raise self.error(f'{key} is {_shown(value)}: give text, as {key} = "..."')
+        return value
 
     def texts(self, key: str) -> tuple[str, ...]:
-        """Return a list of texts; empty where there is none."""
-        found = self.value(key)
-        if found is None:
+        """Return a list of texts; empty if the key is missing."""
+        value = self.value(key)
+        if value is None:
             return ()
-        if not (isinstance(found, list) and found and all(isinstance(each, str) for each in found)):
-            raise self.error(f'{key} is {_shown(found)}: give a list of texts, as ["...", "..."]')
-        return tuple(found)
+        if not (isinstance(value, list) and value and all(isinstance(item, str) for item in value)):
+            raise self.error(f'{key} is {_shown(value)}: give a list of texts, as ["...", "..."]')
+        return tuple(value)
 
     def choice(self, key: str, names: tuple[str, ...], default: str) -> str:
         """Return the value of a key, if it is one of some names."""
-        found = self.text(key, default)
-        require_choice(key, found, names, self.error)
-        return found
+        value = self.text(key, default)
+        require_choice(key, value, names, self.error)
+        return value
 
     def numbers(self, key: str, *counts: int) -> tuple[float, ...]:
-        """Return a list of finite numbers, of one of some lengths; empty where there is none."""
-        found = self.value(key)
-        return () if found is None else numbers(found, self, key, *counts)
+        """Return a list of finite numbers, of one of some lengths; empty if the key is missing."""
+        value = self.value(key)
+        return () if value is None else numbers(value, self, key, *counts)
 
     def table(self, key: str) -> TomlTable:
-        """Return a table of this TOML file by its key; an empty one where there is none."""
-        found = self.value(key)
-        if not isinstance(found, dict | None):
-            raise self.error(f"{key} is {_shown(found)}: give a table, as [{key}]")
-        return TomlTable(found or {}, f"{self.name}, [{key}]")
+        """Return a table of this TOML file by its key; an empty one if it is missing."""
+        value = self.value(key)
+        if not isinstance(value, dict | None):
+            raise self.error(f"{key} is {_shown(value)}: give a table, as [{key}]")
+        return TomlTable(value or {}, f"{self.name}, [{key}]")
 
     def list(self, key: str) -> list[Any]:
-        """Return a list of this TOML file by its key; an empty one where there is none."""
-        found = self.value(key)
-        if not isinstance(found, list | None):
-            raise self.error(f"{key} is {_shown(found)}: give a list")
-        return found or []
+        """Return a list of this TOML file by its key; an empty one if it is missing."""
+        value = self.value(key)
+        if not isinstance(value, list | None):
+            raise self.error(f"{key} is {_shown(value)}: give a list")
+        return value or []
 
     def tables(self, key: str) -> list[TomlTable]:
         """Return the tables written as [[key]]."""
-        found = self.list(key)
-        if not all(isinstance(each, dict) for each in found):
+        items = self.list(key)
+        if not all(isinstance(item, dict) for item in items):
             raise self.error(f"{key} holds what is no table: write each as [[{key}]]")
         return [
-            TomlTable(each, f"{self.name}, [[{key}]] {number}")
-            for number, each in enumerate(found, 1)
+            TomlTable(item, f"{self.name}, [[{key}]] {number}")
+            for number, item in enumerate(items, 1)
         ]
 
     def require_known(self) -> None:
         """Raise FileFormatError on keys that the format does not have."""
-        strange = sorted(set(self._values) - set(self._known))
-        if strange:
+        unknown_keys = sorted(set(self._values) - set(self._known))
+        if unknown_keys:
             raise self.error(
-                f"{', '.join(strange)} is not known here: use {', '.join(sorted(self._known))}"
+                f"{', '.join(unknown_keys)} is not known here: use {', '.join(sorted(self._known))}"
             )
 
     def error(self, trouble: str) -> FileFormatError:
@@ -434,16 +440,16 @@ class TomlTable:
         return FileFormatError(f"{self.name}: {trouble}")
 
 
-def numbers(found: object, table: TomlTable, key: str, *counts: int) -> tuple[float, ...]:
+def numbers(value: object, table: TomlTable, key: str, *counts: int) -> tuple[float, ...]:
     """Return a list of finite numbers, of one of some lengths; FileFormatError on other values."""
     if (
-        not (isinstance(found, list) and len(found) in counts)
-        or not all(map(_is_number, found))
-        or not all(map(math.isfinite, found))
+        not (isinstance(value, list) and len(value) in counts)
+        or not all(map(_is_number, value))
+        or not all(map(math.isfinite, value))
     ):
-        wanted = " or ".join(map(str, counts))
-        raise table.error(f"{key} is {_shown(found)}: give a list of {wanted} finite numbers")
-    return tuple(map(float, found))
+        lengths = " or ".join(map(str, counts))
+        raise table.error(f"{key} is {_shown(value)}: give a list of {lengths} finite numbers")
+    return tuple(map(float, value))
 
 
 def read_toml(path: Path) -> TomlTable:
@@ -460,17 +466,17 @@ def read_toml(path: Path) -> TomlTable:
 
 
 def _parsed(text: str) -> dict[str, object]:
-    """Return the table of a TOML text; ValueError or RecursionError when it is none or too deep."""
+    """Return the table of a TOML text; ValueError if it is invalid, RecursionError if too deep."""
     if _LONG_KEY.search(text):
-        raise ValueError(f"a key has more than {_DEEPEST} parts")
+        raise ValueError(f"a key has more than {_MAX_KEY_PARTS} parts")
     table = tomllib.loads(text)
-    rest: list[object] = [table]
-    while rest:
-        found = rest.pop()
-        if isinstance(found, int) and found.bit_length() > _BITS:
-            raise ValueError(f"a number has {found.bit_length()} bits, and at most {_BITS} fit")
-        if isinstance(found, dict | list):
-            rest += found.values() if isinstance(found, dict) else found
+    pending_values: list[object] = [table]
+    while pending_values:
+        value = pending_values.pop()
+        if isinstance(value, int) and value.bit_length() > _BITS:
+            raise ValueError(f"a number has {value.bit_length()} bits, and at most {_BITS} fit")
+        if isinstance(value, dict | list):
+            pending_values += value.values() if isinstance(value, dict) else value
     return table
 
 
@@ -482,23 +488,23 @@ def read_text(path: Path) -> str:
         raise FileFormatError(f"{path} is no UTF-8 text: save it as UTF-8") from error
 
 
-def _is_number(found: object) -> TypeGuard[float]:
-    return isinstance(found, int | float) and not isinstance(found, bool)
+def _is_number(value: object) -> TypeGuard[float]:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _shown(found: object) -> str:
-    return "missing" if found is None else repr(found)[:80]
+def _shown(value: object) -> str:
+    return "missing" if value is None else repr(value)[:80]
 
 
 # Columns of a CSV file, which has a row for each file, or for each channel of one.
-_CARTESIAN = ("x", "y", "z")
-_SPHERICAL = ("distance", "azimuth", "polar")
+_CARTESIAN_COLUMNS = ("x", "y", "z")
+_SPHERICAL_COLUMNS = ("distance", "azimuth", "polar")
 _DEGREES = ("distance", "azimuth_degrees", "polar_degrees")
-_SYSTEMS = (_CARTESIAN, _SPHERICAL, _DEGREES)
-_WHOLE = {"channel": (1, MOST_HITS), "hit": (1, MOST_HITS), "sample_rate": RATES}
+_SYSTEMS = (_CARTESIAN_COLUMNS, _SPHERICAL_COLUMNS, _DEGREES)
+_INTEGER_COLUMNS = {"channel": (1, MOST_HITS), "hit": (1, MOST_HITS), "sample_rate": RATES}
 _TEXTS = ("file", "note")
-_PLACES = ("u", "v", *dict.fromkeys(_CARTESIAN + _SPHERICAL + _DEGREES))
-COLUMNS = ("file", *_WHOLE, *_PLACES, "lead_in", "peak", "above_noise", "note")
+_PLACES = ("u", "v", *dict.fromkeys(_CARTESIAN_COLUMNS + _SPHERICAL_COLUMNS + _DEGREES))
+COLUMNS = ("file", *_INTEGER_COLUMNS, *_PLACES, "lead_in", "peak", "above_noise", "note")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -507,8 +513,8 @@ class _Row:
 
     file: str
     note: str
-    contact: Place  # empty where there is none
-    listener: Place  # m, empty where there is none
+    contact: Place  # empty if unknown
+    listener: Place  # m, empty if unknown
     others: Mapping[str, float]  # by column
 
     @property
@@ -537,86 +543,89 @@ def csv_entries(text: str, name: str) -> tuple[ManifestEntry, ...]:
 
 
 def _require_columns(header: Sequence[str], name: str) -> None:
-    strange = [column for column in header if column not in COLUMNS]
-    if strange:
+    unknown_columns = [column for column in header if column not in COLUMNS]
+    if unknown_columns:
         hint = "separate names by commas, and " if len(header) == 1 else ""
         raise FileFormatError(
-            f"{name}: the columns {', '.join(map(repr, strange))} are not known: {hint}use "
+            f"{name}: the columns {', '.join(map(repr, unknown_columns))} are not known: {hint}use "
             f"{', '.join(COLUMNS)}"
         )
-    twice = [column for column in dict.fromkeys(header) if header.count(column) > 1]
-    if twice:
-        raise FileFormatError(f"{name}: the column {twice[0]!r} occurs twice: take one out")
+    repeated_columns = [column for column in dict.fromkeys(header) if header.count(column) > 1]
+    if repeated_columns:
+        raise FileFormatError(
+            f"{name}: the column {repeated_columns[0]!r} occurs twice: take one out"
+        )
     if "file" not in header:
         raise FileFormatError(f"{name} has no column 'file': add the name of each recording")
     if "v" in header and "u" not in header:
         raise FileFormatError(f"{name} has a column v and no u: call a single coordinate u")
-    used = {column for system in _SYSTEMS for column in system} & set(header)
-    if used and used != set(_system(header)):
-        ways = "; or ".join(", ".join(system) for system in _SYSTEMS)
+    listener_columns = {column for system in _SYSTEMS for column in system} & set(header)
+    if listener_columns and listener_columns != set(_system(header)):
+        systems = "; or ".join(", ".join(system) for system in _SYSTEMS)
         raise FileFormatError(
-            f"{name} has the columns {', '.join(sorted(used))} for listeners: give {ways}"
+            f"{name} has the columns {', '.join(sorted(listener_columns))} for listeners: "
+            f"give {systems}"
         )
 
 
 def _system(header: Sequence[str]) -> tuple[str, ...]:
     """Return the columns of listeners' coordinates, if there are any."""
-    return next((each for each in _SYSTEMS if set(each) <= set(header)), ())
+    return next((system for system in _SYSTEMS if set(system) <= set(header)), ())
 
 
-def _row(header: Sequence[str], cells: Sequence[str], where: str) -> _Row:
+def _row(header: Sequence[str], cells: Sequence[str], location: str) -> _Row:
     if len(cells) > len(header):
         raise FileFormatError(
-            f"{where}: it has {len(cells)} cells for {len(header)} columns: put texts with commas "
-            'in "quotes"'
+            f"{location}: it has {len(cells)} cells for {len(header)} columns: put texts with "
+            'commas in "quotes"'
         )
-    given = {column: cell for column, cell in zip(header, cells, strict=False) if cell}
-    if "file" not in given:
-        raise FileFormatError(f"{where}: it names no file: add it, or take the line out")
+    cells_by_column = {column: cell for column, cell in zip(header, cells, strict=False) if cell}
+    if "file" not in cells_by_column:
+        raise FileFormatError(f"{location}: it names no file: add it, or take the line out")
     values = {
-        column: _number(cell, column, where)
-        for column, cell in given.items()
+        column: _number(cell, column, location)
+        for column, cell in cells_by_column.items()
         if column not in _TEXTS
     }
     axes = [column for column in ("u", "v") if column in header]
     return _Row(
-        file=given["file"],
-        note=given.get("note", ""),
-        contact=_complete(values, axes, where),
-        listener=_listener(values, _system(header), where),
+        file=cells_by_column["file"],
+        note=cells_by_column.get("note", ""),
+        contact=_complete(values, axes, location),
+        listener=_listener(values, _system(header), location),
         others=values,
     )
 
 
-def _listener(values: dict[str, float], system: tuple[str, ...], where: str) -> Place:
-    place = _complete(values, system, where)
+def _listener(values: dict[str, float], system: tuple[str, ...], location: str) -> Place:
+    place = _complete(values, system, location)
     if place and system == _DEGREES:
         return cartesian((place[0], *map(math.radians, place[1:])))
-    return cartesian(place) if place and system == _SPHERICAL else place
+    return cartesian(place) if place and system == _SPHERICAL_COLUMNS else place
 
 
-def _complete(values: dict[str, float], columns: Sequence[str], where: str) -> Place:
+def _complete(values: dict[str, float], columns: Sequence[str], location: str) -> Place:
     """Take the numbers of some columns out: of all, or of none."""
     missing = [column for column in columns if column not in values]
     if missing and len(missing) < len(columns):
-        raise FileFormatError(f"{where}: {', '.join(missing)} is missing: add it")
+        raise FileFormatError(f"{location}: {', '.join(missing)} is missing: add it")
     return () if missing else tuple(values.pop(column) for column in columns)
 
 
-def _number(cell: str, column: str, where: str) -> float:
+def _number(cell: str, column: str, location: str) -> float:
     try:
         number = float(cell)
     except ValueError:
         number = math.nan
-    if column in _WHOLE:
-        low, high = _WHOLE[column]
+    if column in _INTEGER_COLUMNS:
+        low, high = _INTEGER_COLUMNS[column]
         if not (low <= number <= high and number.is_integer()):
             raise FileFormatError(
-                f"{where}: {column} is {cell!r}: give a whole number from {low} to {high}"
+                f"{location}: {column} is {cell!r}: give a whole number from {low} to {high}"
             )
     elif not math.isfinite(number) or (column == "lead_in" and not 0 <= number <= LONGEST):
         kind = f"seconds from 0 to {LONGEST:g}" if column == "lead_in" else "a finite number"
-        raise FileFormatError(f"{where}: {column} is {cell!r}: give {kind}, as 0.5")
+        raise FileFormatError(f"{location}: {column} is {cell!r}: give {kind}, as 0.5")
     return number
 
 
@@ -630,16 +639,16 @@ def _joined(rows: Sequence[_Row], name: str) -> ManifestEntry:
         )
     if len({_shared(row) for row in rows}) > 1:
         raise FileFormatError(
-            f"{name}: the channels of {first.file} differ in more than listener: make them alike"
+            f"{name}: the channels of {first.file} differ in more than listener: make them equal"
         )
-    ordered = sorted(rows, key=lambda row: row.channel)
-    heard = tuple(row.listener for row in ordered if row.listener)
-    if heard and len(heard) < len(rows):
+    sorted_rows = sorted(rows, key=lambda row: row.channel)
+    listeners = tuple(row.listener for row in sorted_rows if row.listener)
+    if listeners and len(listeners) < len(rows):
         raise FileFormatError(f"{name}: a channel of {first.file} has no listener: add it")
     return ManifestEntry(
         file=first.file,
         contact=first.contact,
-        listeners=heard,
+        listeners=listeners,
         hit=int(first.others.get("hit", 1)),
         sample_rate=int(first.others.get("sample_rate", 0)) or None,
         note=first.note,
@@ -649,5 +658,5 @@ def _joined(rows: Sequence[_Row], name: str) -> ManifestEntry:
 
 def _shared(row: _Row) -> tuple[object, ...]:
     """Return the contact, note and other columns that all channels of a recording share."""
-    others = sorted(each for each in row.others.items() if each[0] != "channel")
+    others = sorted(item for item in row.others.items() if item[0] != "channel")
     return row.contact, row.note, tuple(others)

@@ -21,7 +21,7 @@ def blackman_harris(size: int) -> Array:
     return blackmanharris(size, sym=False)
 
 
-def frames(samples: Array, window: Array, step: int, most: int | None = None) -> AnyComplex:
+def frames(samples: Array, window: Array, step: int, max_count: int | None = None) -> AnyComplex:
     """Return spectra (C, frames, size / 2), complex64, of windowed frames of samples (C, n).
 
     Phases count from the first sample, so that a mode exp(s t) changes from frame to frame by
@@ -29,13 +29,13 @@ def frames(samples: Array, window: Array, step: int, most: int | None = None) ->
     """
     size = len(window)
     count = (samples.shape[1] - size) // step + 1
-    count = min(count, most) if most is not None else count
+    count = min(count, max_count) if max_count is not None else count
     # The phases come round again after a few frames.
     period = size // math.gcd(step, size)
-    turned = (np.arange(period)[:, None] * step * np.arange(size // 2)) % size
-    back = np.exp((-2j * np.pi / size) * np.arange(size)).astype(np.complex64)[turned]
+    phase_indices = (np.arange(period)[:, None] * step * np.arange(size // 2)) % size
+    back = np.exp((-2j * np.pi / size) * np.arange(size)).astype(np.complex64)[phase_indices]
     back = back[np.arange(count) % period]
-    return np.stack([_transforms(each, window, step, count) * back for each in samples])
+    return np.stack([_transforms(channel, window, step, count) * back for channel in samples])
 
 
 def _transforms(channel: Array, window: Array, step: int, count: int) -> AnyComplex:
@@ -44,7 +44,7 @@ def _transforms(channel: Array, window: Array, step: int, count: int) -> AnyComp
 
 
 WINDOW = 0.046  # windows of which spectra are averaged, s
-_QUIET = 0.1  # s
+_QUIET_TIME = 0.1  # s
 _LONGEST = 10.0  # used of ambient sound, its end, s
 
 
@@ -74,7 +74,7 @@ class Noise:
         powers = (np.abs(pieces) ** 2).mean(axis=1) / (window**2).sum()
         return cls(
             frequencies=np.arange(powers.shape[1]) * (sample_rate / size),
-            densities=np.maximum(_smooth_but_for_lines(powers), floor),
+            densities=np.maximum(_smooth_except_lines(powers), floor),
         )
 
     @classmethod
@@ -83,44 +83,52 @@ class Noise:
 
         Spectral lines are taken for modes, not for noise.
         """
-        size = round(_QUIET * sample_rate)
+        size = round(_QUIET_TIME * sample_rate)
         blocks = samples[:, : samples.shape[1] // size * size].reshape(len(samples), -1, size)
         quietest = np.diff(blocks, axis=2).var(axis=2).argmin(axis=1)
-        calm = np.stack([each[place] for each, place in zip(blocks, quietest, strict=True)])
-        heard = cls.heard_in(calm, sample_rate, floor)
-        broad = median_filter(heard.densities, (1, 31), mode="nearest")
-        return replace(heard, densities=np.maximum(broad, floor))
+        quiet_blocks = np.stack(
+            [block[place] for block, place in zip(blocks, quietest, strict=True)]
+        )
+        noise = cls.heard_in(quiet_blocks, sample_rate, floor)
+        broad = median_filter(noise.densities, (1, 31), mode="nearest")
+        return replace(noise, densities=np.maximum(broad, floor))
 
     @classmethod
     def joined(cls, parts: Sequence[Noise]) -> Noise:
         """Return the noise of all channels, one part after the other."""
-        frequencies = np.unique(np.concatenate([each.frequencies for each in parts]))
+        frequencies = np.unique(np.concatenate([noise.frequencies for noise in parts]))
         return cls(
-            frequencies=frequencies, densities=np.vstack([each.at(frequencies) for each in parts])
+            frequencies=frequencies, densities=np.vstack([noise.at(frequencies) for noise in parts])
         )
 
     def at(self, frequencies: ArrayLike) -> Array:
         """Return densities at frequencies in Hz, (C, ...)."""
-        wanted = np.asarray(frequencies, float)
-        return np.stack([np.interp(wanted, self.frequencies, each) for each in self.densities])
+        points = np.asarray(frequencies, float)
+        return np.stack(
+            [np.interp(points, self.frequencies, density) for density in self.densities]
+        )
 
     def raised(self, residual: Array, sample_rate: float, breadth: float = 100.0) -> Noise:
         """Return a copy nowhere below the power of a residual (C, n) averaged over a breadth, Hz.
 
-        A model error is no noise, yet nothing smaller can be told from it.
+        A model error is not noise, but modes below it cannot be distinguished from it.
         """
         length = fft.prev_fast_len(residual.shape[1])
         powers = np.abs(np.fft.rfft(residual[:, :length], axis=1)) ** 2 / length
         bins = max(1, round(breadth * length / sample_rate))
         grid = np.arange(0, sample_rate / 2, breadth / 4)
-        measured = np.stack(
+        smooth_powers = np.stack(
             [
-                np.interp(grid, np.arange(len(each)) * (sample_rate / length), each)
-                for each in uniform_filter1d(powers, bins, axis=1)
+                np.interp(
+                    grid, np.arange(len(channel_powers)) * (sample_rate / length), channel_powers
+                )
+                for channel_powers in uniform_filter1d(powers, bins, axis=1)
             ]
         )
         frequencies = np.union1d(self.frequencies, grid)
-        left = np.stack([np.interp(frequencies, grid, each) for each in measured])
+        left = np.stack(
+            [np.interp(frequencies, grid, channel_powers) for channel_powers in smooth_powers]
+        )
         return Noise(frequencies=frequencies, densities=np.maximum(self.at(frequencies), left))
 
     def energy(self, length: int) -> Array:
@@ -130,13 +138,13 @@ class Noise:
 
 
 def _window_size(sample_rate: float, length: int) -> int:
-    wanted = min(WINDOW * sample_rate, length)
-    return 2 ** int(np.log2(wanted) + 0.5 if wanted < length else np.log2(length))
+    target_size = min(WINDOW * sample_rate, length)
+    return 2 ** int(np.log2(target_size) + 0.5 if target_size < length else np.log2(length))
 
 
-def _smooth_but_for_lines(powers: Array) -> Array:
+def _smooth_except_lines(powers: Array) -> Array:
     """Average over neighbouring bins, but keep tones: bins 6 dB over the local median."""
     broad = median_filter(powers, (1, 31), mode="nearest")
-    toned = powers > 4 * broad
-    calm = uniform_filter1d(np.where(toned, broad, powers), 9, axis=1, mode="nearest")
-    return np.maximum(calm, maximum_filter1d(np.where(toned, powers, 0.0), 3, axis=1))
+    is_tone = powers > 4 * broad
+    smooth_powers = uniform_filter1d(np.where(is_tone, broad, powers), 9, axis=1, mode="nearest")
+    return np.maximum(smooth_powers, maximum_filter1d(np.where(is_tone, powers, 0.0), 3, axis=1))

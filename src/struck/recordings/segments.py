@@ -18,7 +18,7 @@ from struck.recordings.onsets import Hit, clipped, lead_in
 from struck.recordings.takes import Take
 
 _FEWEST_SAMPLES = 1024  # samples of the shortest spectrum
-_ALIVE = 10.0  # decay times after which a mode is over: 87 dB down
+_RINGING_TIMES = 10.0  # decay times after which a mode is over: 87 dB down
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -46,15 +46,15 @@ class Segment:
         length = samples.shape[1]
         halvings = max(0, int(np.log2(max(length / _FEWEST_SAMPLES, 1))))
         # No large prime factors: transforms take an eighth of the time.
-        whole = fft.prev_fast_len(length >> halvings) << halvings
+        fast_length = fft.prev_fast_len(length >> halvings) << halvings
         return cls(
             samples=samples,
             sample_rate=sample_rate,
             noise=noise,
             rows=slice(first_row, first_row + len(samples)),
             spectra=tuple(
-                SegmentSpectrum.of(samples, whole >> each, sample_rate)
-                for each in range(halvings + 1)
+                SegmentSpectrum.of(samples, fast_length >> halving, sample_rate)
+                for halving in range(halvings + 1)
             ),
             before=samples[:, :0] if before is None else before,
         )
@@ -66,9 +66,9 @@ class Segment:
 
     def levels(self, slowest: Array) -> NDArray[np.int64]:
         """Return the number of the shortest spectrum in which each mode (decays, 1/s) is over."""
-        durations = np.array([each.length for each in self.spectra]) / self.sample_rate
-        long_enough = durations[:, None] >= _ALIVE / slowest
-        return np.maximum(long_enough.sum(axis=0) - 1, 0)
+        durations = np.array([spectrum.length for spectrum in self.spectra]) / self.sample_rate
+        is_long_enough = durations[:, None] >= _RINGING_TIMES / slowest
+        return np.maximum(is_long_enough.sum(axis=0) - 1, 0)
 
     def model(self, ringing: Exponentials) -> Array:
         """Return the sound of modes in this segment (C, n)."""
@@ -81,8 +81,8 @@ class Segment:
 
     def later(self, time: float) -> Segment:
         """Return the segment from a time on, s."""
-        rest = self.samples[:, round(time * self.sample_rate) :]
-        return Segment.of(rest, self.sample_rate, self.noise, self.rows.start, self.before)
+        later_samples = self.samples[:, round(time * self.sample_rate) :]
+        return Segment.of(later_samples, self.sample_rate, self.noise, self.rows.start, self.before)
 
     def residual(self, ringing: Exponentials) -> Array:
         """Return the samples without the sound of these modes (C, n)."""
@@ -90,12 +90,12 @@ class Segment:
 
 
 _QUANTUM = 1e-5  # least standard deviation of noise, over the peak
-_LOOKED_AT = 65536  # samples
+_MAX_EXAMINED = 65536  # samples
 SHORTEST, _LONGEST = 0.05, 30.0  # of a segment, s
-_SPOILT = 0.05  # longest clipped beginning of a hit, s
+_MAX_CLIPPED_TIME = 0.05  # longest clipped beginning of a hit, s
 _BLOCK = 0.05  # s
 _OVER_NOISE = 2.0
-_FAINT = 1e-3  # least energy of a hit over that of the loudest: -30 dB
+_MIN_HIT_RATIO = 1e-3  # least energy of a hit over that of the loudest: -30 dB
 _GRID = 32  # lengths are multiples of 1 / this, s: equal ones are transformed together
 
 
@@ -129,79 +129,83 @@ class Stretch:
             yield Row(take=self.take, hit=self.number, channel=channel, onset=onset, time=time)
 
 
-def cut(
+def cut_takes(
     takes: Sequence[Take], hits: Sequence[Sequence[Hit]], *, attack: bool = False
 ) -> list[Stretch]:
     """Cut takes at their hits and these where they are over; `attack` keeps the blow as well."""
-    found = []
-    for number, (take, own) in enumerate(zip(takes, hits, strict=True)):
-        if not own:
+    all_stretches = []
+    for number, (take, take_hits) in enumerate(zip(takes, hits, strict=True)):
+        if not take_hits:
             raise RecordingError(
                 f"no hit was found in {take.name}: no moment at which many frequencies rise at "
                 "once; record single hits after some silence, or give the times of hits by onsets="
             )
-        # Of a blow with two contacts the first is left out: no free decay explains both.
-        begun = [replace(h, start=h.arrival) if attack and not h.again else h for h in own]
-        stretches = list(_stretches(number, take, begun))
+        # The first of two contacts of a blow is left out: no free decay explains both.
+        starting_hits = [
+            replace(h, start=h.arrival) if attack and not h.again else h for h in take_hits
+        ]
+        stretches = list(_stretches(number, take, starting_hits))
         if not stretches:
             raise RecordingError(
                 f"no hit of {take.name} rings freely for {SHORTEST} s: record single hits that "
-                f"are not clipped, and on for a second or more{_ends_soon(take, begun[-1])}"
+                f"are not clipped, and on for a second or more{_ends_soon(take, starting_hits[-1])}"
             )
-        found += stretches
-    return found
+        all_stretches += stretches
+    return all_stretches
 
 
 def _ends_soon(take: Take, hit: Hit) -> str:
     """Return after how little of its last hit a take ends, in words."""
-    rest = take.samples.shape[1] - hit.start
-    lasts = f"; it ends {1000 * rest / take.sample_rate:.0f} ms after its last hit: "
-    why = "it is cut off there, or it breaks off and nothing was struck"
-    return f"{lasts}{why}" if rest < 2 * SHORTEST * take.sample_rate else ""
+    samples_left = take.samples.shape[1] - hit.start
+    text = f"; it ends {1000 * samples_left / take.sample_rate:.0f} ms after its last hit: "
+    reason = "it is cut off there, or it breaks off and nothing was struck"
+    return f"{text}{reason}" if samples_left < 2 * SHORTEST * take.sample_rate else ""
 
 
-def joined(stretches: Sequence[Stretch]) -> tuple[list[Segment], list[Row]]:
+def join_stretches(stretches: Sequence[Stretch]) -> tuple[list[Segment], list[Row]]:
     """Return stretches joined to segments of one length each, and the rows of their channels."""
-    alike: dict[tuple[int, int], list[Stretch]] = defaultdict(list)
+    groups: dict[tuple[int, int], list[Stretch]] = defaultdict(list)
     for stretch in stretches:
-        alike[stretch.samples.shape[1], stretch.before.shape[1]].append(stretch)
+        groups[stretch.samples.shape[1], stretch.before.shape[1]].append(stretch)
     segments: list[Segment] = []
     rows: list[Row] = []
-    for own in alike.values():
+    for group in groups.values():
         segments.append(
             Segment.of(
-                np.concatenate([each.samples for each in own]),
-                own[0].sample_rate,
-                Noise.joined([each.noise for each in own]),
+                np.concatenate([member.samples for member in group]),
+                group[0].sample_rate,
+                Noise.joined([member.noise for member in group]),
                 len(rows),
-                np.concatenate([each.before for each in own]),
+                np.concatenate([member.before for member in group]),
             )
         )
-        rows += [row for each in own for row in each.rows()]
+        rows += [row for member in group for row in member.rows()]
     return segments, rows
 
 
 def _stretches(number: int, take: Take, hits: Sequence[Hit]) -> Iterator[Stretch]:
     before = lead_in(take, hits)
     floor = max((_QUANTUM * float(np.abs(take.samples).max())) ** 2, _step(take) ** 2 / 12)
-    quiet = before if before.shape[1] else take.samples
+    ambient_samples = before if before.shape[1] else take.samples
     measure = Noise.heard_in if before.shape[1] else Noise.quietest
-    noise = measure(quiet, take.sample_rate, floor)
-    flat = clipped(take)
-    early = round(_SPOILT * take.sample_rate)
-    firsts = [take.samples[:, hit.start : min(hit.end, hit.start + early)] for hit in hits]
+    noise = measure(ambient_samples, take.sample_rate, floor)
+    is_clipped = clipped(take)
+    max_clipped_length = round(_MAX_CLIPPED_TIME * take.sample_rate)
+    firsts = [
+        take.samples[:, hit.start : min(hit.end, hit.start + max_clipped_length)] for hit in hits
+    ]
     loudness = [float((first**2).sum()) for first in firsts]
     for place, hit in enumerate(hits):
-        if loudness[place] < _FAINT * max(loudness):
+        if loudness[place] < _MIN_HIT_RATIO * max(loudness):
             continue
-        whole = _unclipped(hit, flat, take.sample_rate)
-        end = _over(take, whole, noise)
-        if end - whole.start >= SHORTEST * take.sample_rate:
+        unclipped_hit = _after_clipping(hit, is_clipped, take.sample_rate)
+        end = _find_end(take, unclipped_hit, noise)
+        if end - unclipped_hit.start >= SHORTEST * take.sample_rate:
             yield Stretch(
                 take=number,
                 number=place,
-                hit=whole,
-                samples=take.samples[:, whole.start : end],
+                hit=unclipped_hit,
+                samples=take.samples[:, unclipped_hit.start : end],
                 noise=noise,
                 before=before,
                 sample_rate=take.sample_rate,
@@ -210,22 +214,24 @@ def _stretches(number: int, take: Take, hits: Sequence[Hit]) -> Iterator[Stretch
 
 def _step(take: Take) -> float:
     """Return the least difference between samples: rounding to 16 bits is noise, too."""
-    middle = int(np.abs(take.samples).max(axis=0).argmax())
-    values = np.unique(take.samples[:, max(0, middle - _LOOKED_AT // 8) :][:, :_LOOKED_AT])
+    loudest_sample = int(np.abs(take.samples).max(axis=0).argmax())
+    values = np.unique(
+        take.samples[:, max(0, loudest_sample - _MAX_EXAMINED // 8) :][:, :_MAX_EXAMINED]
+    )
     return float(np.diff(values).min(initial=np.inf)) if len(values) > 1 else 0.0
 
 
-def _unclipped(hit: Hit, flat: NDArray[np.bool_], sample_rate: int) -> Hit:
+def _after_clipping(hit: Hit, flat: NDArray[np.bool_], sample_rate: int) -> Hit:
     """Begin after the last clipped sample; leave the hit out (empty) if that is late."""
-    spoilt = np.flatnonzero(flat[hit.onset : hit.end])
-    if not len(spoilt):
+    clipped_samples = np.flatnonzero(flat[hit.onset : hit.end])
+    if not len(clipped_samples):
         return hit
-    last = int(spoilt[-1])
-    start = hit.onset + last + 1 if last < _SPOILT * sample_rate else hit.end
+    last = int(clipped_samples[-1])
+    start = hit.onset + last + 1 if last < _MAX_CLIPPED_TIME * sample_rate else hit.end
     return replace(hit, start=max(hit.start, start))
 
 
-def _over(take: Take, hit: Hit, noise: Noise) -> int:
+def _find_end(take: Take, hit: Hit, noise: Noise) -> int:
     """Return where a hit is over: twice as late as it falls into the noise, on a coarse grid."""
     size = round(_BLOCK * take.sample_rate)
     end = min(hit.end, hit.start + round(_LONGEST * take.sample_rate))
@@ -233,8 +239,8 @@ def _over(take: Take, hit: Hit, noise: Noise) -> int:
     if count < 1:
         return hit.start
     blocks = take.samples[:, hit.start : hit.start + count * size].reshape(-1, count, size)
-    loud = ((blocks**2).sum(axis=2) > _OVER_NOISE * noise.energy(size)[:, None]).any(axis=0)
-    last = count - int(np.argmax(loud[::-1])) if loud.any() else 0
+    is_loud = ((blocks**2).sum(axis=2) > _OVER_NOISE * noise.energy(size)[:, None]).any(axis=0)
+    last = count - int(np.argmax(is_loud[::-1])) if is_loud.any() else 0
     end = min(end, hit.start + 2 * (last + 1) * size)
     grid = take.sample_rate / _GRID
     return hit.start + int(int((end - hit.start) / grid) * grid)

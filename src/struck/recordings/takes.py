@@ -28,8 +28,8 @@ from struck.model.survey import SYMMETRIES
 from struck.recordings.manifest import KINDS, NAME, Manifest, manifest_in, read_manifest
 
 _RATES = (4000, 400_000)  # Hz
-_SHORTEST = 0.1  # s
-_MOST = 30_000_000  # values of all channels, 11 minutes of one at 44,100 Hz: fitted in 2 GB
+_MIN_DURATION = 0.1  # s
+_MAX_VALUES = 30_000_000  # values of all channels, 11 minutes of one at 44,100 Hz: fitted in 2 GB
 _TABLE = "a list of recordings, not one: give it alone, or as manifest="
 _OTHERS = {
     ".csv": _TABLE,
@@ -51,13 +51,13 @@ class Take:
     sample_rate : int
         Hz.
     name : str
-        What to call it in messages.
+        Name in messages. Default: "the take".
 
     Raises
     ------
     RecordingError
         When samples are not (channels, n) finite numbers, are silent, shorter than 0.1 s or more
-        than 30 million, or the rate is none that sound is recorded at.
+        than 30 million, or the rate is not from 4 to 400 kHz.
     """
 
     samples: Array
@@ -87,7 +87,7 @@ class Take:
         FileFormatError
             When it cannot be read, is cut short or is no such file.
         MissingDependencyError
-            When it is none of the WAV files that struck reads itself, and soundfile is missing.
+            When struck cannot read its format itself, and soundfile is missing.
         RecordingError
             When no model can come from what it holds.
         """
@@ -116,10 +116,11 @@ def require_one_rate(takes: list[Take]) -> None:
 
 
 def _require_brief(values: float, name: str) -> None:
-    if values > _MOST:
+    if values > _MAX_VALUES:
         raise RecordingError(
-            f"{name} holds {values / 1e6:.0f} million values, and at most {rounded(_MOST / 1e6)} "
-            "million are fitted, 11 minutes of one channel: cut its hits out of it"
+            f"{name} holds {values / 1e6:.0f} million values, and at most "
+            f"{rounded(_MAX_VALUES / 1e6)} million are fitted, 11 minutes of one channel: cut its "
+            "hits out of it"
         )
 
 
@@ -130,11 +131,11 @@ def _require_sound(samples: Array, sample_rate: float, name: str) -> None:
         )
     if samples.ndim != 2:
         raise RecordingError(f"{name} has shape {samples.shape}: give (channels, n) samples")
-    if samples.shape[1] < _SHORTEST * sample_rate:
+    if samples.shape[1] < _MIN_DURATION * sample_rate:
         raise RecordingError(
             f"{name} holds {samples.shape[1]} samples, "
-            f"{rounded(samples.shape[1] / sample_rate, 3)} s: give {_SHORTEST} s or more, better a "
-            "second"
+            f"{rounded(samples.shape[1] / sample_rate, 3)} s: give {_MIN_DURATION} s or more, "
+            "better a second"
         )
     wrong = np.count_nonzero(~np.isfinite(samples))
     if wrong:
@@ -190,49 +191,49 @@ def _read_other(path: Path, reason: str) -> tuple[Array, int]:
         ) from error
     try:
         with soundfile.SoundFile(path) as file:
-            announced, rate = file.frames, file.samplerate
-            _require_brief(announced * file.channels, str(path))
+            frame_count, rate = file.frames, file.samplerate
+            _require_brief(frame_count * file.channels, str(path))
             samples = np.asarray(file.read(dtype="float64", always_2d=True), float).T
     except (soundfile.SoundFileError, RuntimeError, TypeError) as error:
-        why = another_kind(path, "sound") or (
+        reason_for_refusal = another_kind(path, "sound") or (
             f"is no sound file that is read ({error}): convert it to WAV or FLAC"
         )
-        raise FileFormatError(f"{path} {why}") from error
-    if samples.shape[1] < announced:
+        raise FileFormatError(f"{path} {reason_for_refusal}") from error
+    if samples.shape[1] < frame_count:
         raise FileFormatError(
-            f"{path} is cut short: it should have {announced} samples and has {samples.shape[1]}"
+            f"{path} is cut short: it should have {frame_count} samples and has {samples.shape[1]}"
         )
     return samples, rate
 
 
-_PULSE, _AFTER = 0.002, 0.1  # half of a blow, and from its peak until all is quiet again, s
-_SHORT = 0.8  # least share of the energy in the pulse
-_COPIED = 2e-6  # least difference of two microphones' sounds, of their energy
-_PUSHED = 0.8  # least share of one sign: a blow does not pull
+_PULSE, _QUIET_TIME = 0.002, 0.1  # half of a blow, and from its peak until all is quiet again, s
+_MIN_PULSE_FRACTION = 0.8  # least share of the energy in the pulse
+_MAX_COPY_DIFFERENCE = 2e-6  # least difference of two microphones' sounds, of their energy
+_MIN_SIGN_FRACTION = 0.8  # least share of one sign: a blow does not pull
 
 
 def force_channels(take: Take) -> Mask:
     """Return which channels (C,) hold the force of a hammer: pulses of one sign; never all."""
-    found = np.array([_is_force(channel, take.sample_rate) for channel in take.samples])
-    return found & ~found.all()
+    is_force = np.array([_is_force(channel, take.sample_rate) for channel in take.samples])
+    return is_force & ~is_force.all()
 
 
 def copied_channels(take: Take) -> Mask:
-    """Return which channels (C,) are another one again, louder or softer, but for its rounding."""
+    """Return which channels (C,) are another one again, louder or softer, within rounding."""
     centred = take.samples - take.samples.mean(axis=1, keepdims=True)
     units = centred / np.linalg.norm(centred, axis=1, keepdims=True)
-    return (np.tril(np.abs(units @ units.T), -1) > 1 - _COPIED).any(axis=1)
+    return (np.tril(np.abs(units @ units.T), -1) > 1 - _MAX_COPY_DIFFERENCE).any(axis=1)
 
 
 def left_out(take: Take) -> Mask:
-    """Return which channels (C,) hold no sound of their own: forces, and copies of others."""
+    """Return which channels (C,) are without independent sound: forces, and copies of others."""
     return force_channels(take) | copied_channels(take)
 
 
 def without_force(take: Take) -> Take:
     """Return a take without its force channels, and without copies of others."""
-    idle = left_out(take)
-    return replace(take, samples=take.samples[~idle]) if idle.any() else take
+    is_idle = left_out(take)
+    return replace(take, samples=take.samples[~is_idle]) if is_idle.any() else take
 
 
 def _is_force(channel: Array, sample_rate: int) -> bool:
@@ -241,9 +242,15 @@ def _is_force(channel: Array, sample_rate: int) -> bool:
     peak = int(np.argmax(energy))
     width = round(_PULSE * sample_rate)
     first = max(0, peak - width)
-    pulse, whole = energy[first : peak + width], energy[first : peak + round(_AFTER * sample_rate)]
-    one_sided = np.abs((np.sign(centred[first : peak + width]) * pulse).sum())
-    return bool(pulse.sum() > _SHORT * whole.sum() and one_sided > _PUSHED * pulse.sum())
+    pulse, whole = (
+        energy[first : peak + width],
+        energy[first : peak + round(_QUIET_TIME * sample_rate)],
+    )
+    signed_energy = np.abs((np.sign(centred[first : peak + width]) * pulse).sum())
+    return bool(
+        pulse.sum() > _MIN_PULSE_FRACTION * whole.sum()
+        and signed_energy > _MIN_SIGN_FRACTION * pulse.sum()
+    )
 
 
 Recording = str | os.PathLike[str] | Sound | Take
@@ -290,10 +297,10 @@ class Recorded:
         progress: Progress = silent,
     ) -> Recorded:
         """Read recordings and their places; see `struck.recordings.fit.fit_recordings`."""
-        several = _several(recordings)
-        told = _manifest(several, manifest)
-        if told is None:
-            takes = tuple(_taken(several, progress))
+        sources = _require_several(recordings)
+        takes_manifest = _manifest(sources, manifest)
+        if takes_manifest is None:
+            takes = tuple(_read_takes(sources, progress))
             return cls(
                 takes=takes,
                 contacts=None if contacts is None else _columns(contacts),
@@ -304,9 +311,9 @@ class Recorded:
             )
         if contacts is not None or listeners is not None:
             raise OptionError(
-                f"places are given, and {told.path} tells them too: leave one of them out"
+                f"places are given, and {takes_manifest.path} has them too: leave one of them out"
             )
-        return cls._of_manifest(told, symmetry, centre, progress)
+        return cls._of_manifest(takes_manifest, symmetry, centre, progress)
 
     @classmethod
     def _of_manifest(
@@ -315,7 +322,7 @@ class Recorded:
         contacts = np.array([entry.contact for entry in manifest.entries])
         listeners = tuple(np.array(entry.listeners) for entry in manifest.entries)
         return cls(
-            takes=tuple(_taken(manifest.files, progress)),
+            takes=tuple(_read_takes(manifest.files, progress)),
             contacts=contacts if manifest.has_contacts else None,
             listeners=listeners if manifest.has_listeners else None,
             coordinates=manifest.coordinates or ("u", "v")[: contacts.shape[1]],
@@ -330,14 +337,16 @@ def _manifest(
     """Return the manifest that was named, or that is itself the recording, or lies in a folder."""
     if not recordings:
         raise OptionError("there are no recordings: give at least one")
-    files = [each for each in recordings if isinstance(each, str | os.PathLike)]
-    paths = [real(each) for each in files]
-    twice = [str(path) for path in paths if paths.count(path) > 1]
-    if twice:
-        raise OptionError(f"{twice[0]} is given twice, as if it were two recordings: give it once")
+    files = [source for source in recordings if isinstance(source, str | os.PathLike)]
+    paths = [real(file) for file in files]
+    repeated_paths = [str(path) for path in paths if paths.count(path) > 1]
+    if repeated_paths:
+        raise OptionError(
+            f"{repeated_paths[0]} is given twice, as if it were two recordings: give it once"
+        )
     if manifest is not None:
         if len(files) < len(recordings):
-            raise OptionError(f"{manifest} tells of files: give recordings as paths")
+            raise OptionError(f"{manifest} lists files: give recordings as paths")
         return read_manifest(manifest).chosen(files)
     if len(files) != 1 or len(recordings) != 1:
         return None
@@ -352,10 +361,10 @@ def _manifest(
     return read_manifest(path) if path.suffix.lower() in KINDS else None
 
 
-def _taken(recordings: Sequence[Recording], progress: Progress) -> Iterator[Take]:
-    for number, each in enumerate(recordings):
+def _read_takes(recordings: Sequence[Recording], progress: Progress) -> Iterator[Take]:
+    for number, source in enumerate(recordings):
         progress("reading recordings", number / len(recordings))
-        yield take_of(each, f"recording {number + 1}")
+        yield take_of(source, f"recording {number + 1}")
     progress("reading recordings", 1.0)
 
 
@@ -366,26 +375,26 @@ def take_of(recording: Recording, name: str) -> Take:
     return Take.of(recording, name) if isinstance(recording, Sound) else Take.load(recording)
 
 
-def _several(recordings: Recording | Sequence[Recording]) -> list[Recording]:
-    several = [recordings] if isinstance(recordings, _ONE) else recordings
-    if not isinstance(several, Sequence) or not all(isinstance(each, _ONE) for each in several):
+def _require_several(recordings: Recording | Sequence[Recording]) -> list[Recording]:
+    sources = [recordings] if isinstance(recordings, _ONE) else recordings
+    if not isinstance(sources, Sequence) or not all(isinstance(source, _ONE) for source in sources):
         raise OptionError(
             f"recordings are of type {type(recordings).__name__}: give files, or samples as "
             "struck.Sound(samples=..., sample_rate=...), one or several"
         )
-    return list(several)
+    return list(sources)
 
 
-def _numbers(name: str, given: ArrayLike) -> Array:
+def _numbers(name: str, values: ArrayLike) -> Array:
     try:
-        return np.asarray(given, np.float64)
+        return np.asarray(values, np.float64)
     except (TypeError, ValueError) as error:
-        raise OptionError(f"{name} is {given!r}: give numbers, as many for each") from error
+        raise OptionError(f"{name} is {values!r}: give numbers, as many for each") from error
 
 
 def _columns(contacts: ArrayLike) -> Array:
-    given = np.atleast_1d(_numbers("contacts", contacts))
-    return given[:, None] if given.ndim == 1 else given
+    values = np.atleast_1d(_numbers("contacts", contacts))
+    return values[:, None] if values.ndim == 1 else values
 
 
 def _microphones(
@@ -393,12 +402,12 @@ def _microphones(
 ) -> tuple[Array, ...]:
     """Return the places of each take's channels: one place for all takes, or a set for each."""
     try:
-        given = [np.asarray(each, np.float64) for each in listeners]  # type: ignore[union-attr] - an array or a list
+        points = [np.asarray(place, np.float64) for place in listeners]  # type: ignore[union-attr] - an array or a list
     except (TypeError, ValueError) as error:
         raise OptionError(f"listeners are {listeners!r}: give x, y, z of each, m") from error
-    if len(given) == 3 and all(each.ndim == 0 for each in given):
-        return tuple(np.array([given]) for _ in takes)
-    return tuple(each[None] if each.ndim == 1 else each for each in given)
+    if len(points) == 3 and all(place.ndim == 0 for place in points):
+        return tuple(np.array([points]) for _ in takes)
+    return tuple(place[None] if place.ndim == 1 else place for place in points)
 
 
 def _require_contacts(recorded: Recorded) -> None:
@@ -423,13 +432,16 @@ def _of_all_channels(recorded: Recorded) -> Iterator[Array]:
             "each, or one place for all"
         )
     for take, places in zip(takes, listeners, strict=True):
-        sounding = ~left_out(take)
-        every = np.full((take.channels, 3), np.nan)
-        told = places[sounding] if len(places) == take.channels else places
-        if told.shape != (np.count_nonzero(sounding), 3) or not np.isfinite(told).all():
+        has_sound = ~left_out(take)
+        positions = np.full((take.channels, 3), np.nan)
+        microphones = places[has_sound] if len(places) == take.channels else places
+        if (
+            microphones.shape != (np.count_nonzero(has_sound), 3)
+            or not np.isfinite(microphones).all()
+        ):
             raise OptionError(
                 f"listeners of {take.name} have shape {places.shape}, and it has "
-                f"{np.count_nonzero(sounding)} microphones: give x, y, z for each, m"
+                f"{np.count_nonzero(has_sound)} microphones: give x, y, z for each, m"
             )
-        every[sounding] = told
-        yield every
+        positions[has_sound] = microphones
+        yield positions

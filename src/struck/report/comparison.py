@@ -30,7 +30,7 @@ from struck.model.picture_style import in_default_style
 from struck.model.provenance import Progress, silent
 from struck.recordings.calibration.agreement import FittedModes, Partials
 from struck.recordings.calibration.pairing import Pairing, explains, paired, pairs_by_chance
-from struck.recordings.poles.search import Fitted, fit_poles
+from struck.recordings.poles.search import PoleFit, fit_poles
 from struck.recordings.segments import Row
 from struck.recordings.takes import Take, without_force
 from struck.report.charts import (
@@ -519,7 +519,7 @@ def _take(recording: Sound | Take | str | os.PathLike[str]) -> Take:
     return Take.of(recording) if isinstance(recording, Sound) else Take.load(recording)
 
 
-def _loudest(fitted: Fitted) -> list[int]:
+def _loudest(fitted: PoleFit) -> list[int]:
     """Return the rows of gains of the hit that holds most energy."""
     lasting = 1 / np.maximum(fitted.decays, 1e-3 * fitted.frequencies)
     energies = (np.square(np.abs(fitted.gains)) * lasting).sum(axis=1)
@@ -536,7 +536,7 @@ def _cut(take: Take, onset: float, rows: Sequence[Row]) -> Sound:
     return Sound(samples=samples.astype(np.float32), sample_rate=take.sample_rate)
 
 
-def _notes(take: Take, fitted: Fitted) -> tuple[str, ...]:
+def _notes(take: Take, fitted: PoleFit) -> tuple[str, ...]:
     verdict = () if fitted.verdict.modal else (f"{take.name}: {fitted.verdict.reason}",)
     hits = len({row.hit for row in fitted.rows})
     several = (f"{take.name} holds {hits} hits: levels are those of the loudest",) * (hits > 1)

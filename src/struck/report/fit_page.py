@@ -20,7 +20,7 @@ from struck.model.arrays import Array, Mask, checked
 from struck.model.html import PAGES, document, note, picture, table
 from struck.model.model import ModalModel
 from struck.recordings.fit import Fitting
-from struck.recordings.poles.search import Fitted
+from struck.recordings.poles.search import PoleFit
 from struck.recordings.poles.verdict import MODAL_MARGIN, ModalVerdict
 from struck.recordings.residual_sound import loudest, one_strike
 from struck.recordings.takes import Recorded
@@ -214,7 +214,7 @@ def _named(hit: RenderedHit, names: Sequence[str]) -> str:
     return f"{names[hit.take]}, hit at {hit.onset:.2f} s"
 
 
-def _spectrograms(first: RenderedHit, fitted: Fitted) -> str:
+def _spectrograms(first: RenderedHit, fitted: PoleFit) -> str:
     lowest = fit_pictures.lowest_shown(fitted.frequencies)
     text = "Spectrograms of original, model and residual"
     return _drawing(text, fit_pictures.spectrograms(first, lowest))
@@ -338,7 +338,7 @@ def modes_line(frequencies: Array, decays: Array) -> str:
     )
 
 
-def mode_table(fitted: Fitted, known: Mask) -> list[list[str]]:
+def mode_table(fitted: PoleFit, known: Mask) -> list[list[str]]:
     """Return a row for each mode, under `MODES`, with errors of the `known` modes (M,)."""
     columns = (
         fitted.frequencies,
@@ -376,7 +376,7 @@ def place_columns(rank_errors: Array, unmeasured: Mask) -> list[list[str]]:
     ]
 
 
-def take_table(fitted: Fitted, recorded: Recorded, energies: Energies) -> list[list[str]]:
+def take_table(fitted: PoleFit, recorded: Recorded, energies: Energies) -> list[list[str]]:
     """Return a row for each take, under `TAKES`."""
     names = short_names(recorded)
     return [
@@ -399,7 +399,7 @@ def figure(value: float, digits: int = 2) -> str:
     return np.format_float_positional(value, digits, fractional=False, trim="-")
 
 
-def _levels(fitted: Fitted) -> Array:
+def _levels(fitted: PoleFit) -> Array:
     """Return levels of modes where they are loudest, dB re the object's loudest (M,)."""
     sizes = np.abs(fitted.gains).max(axis=0, initial=0.0)
     own = sizes[~fitted.blow] if not fitted.blow.all() else sizes
@@ -408,7 +408,7 @@ def _levels(fitted: Fitted) -> Array:
 
 
 def _take_row(
-    name: str, number: int, fitted: Fitted, recorded: Recorded, energies: Energies
+    name: str, number: int, fitted: PoleFit, recorded: Recorded, energies: Energies
 ) -> list[str]:
     take = recorded.takes[number]
     hits = [rows for rows in hits_of(fitted) if fitted.rows[rows[0]].take == number]
@@ -423,7 +423,7 @@ def _take_row(
     ]
 
 
-def _lead_in(fitted: Fitted, rows: Sequence[int]) -> str:
+def _lead_in(fitted: PoleFit, rows: Sequence[int]) -> str:
     """Return the level of the sound before the first hit, dB of full scale."""
     before = [_before(fitted, row) for row in rows]
     heard = [samples for samples in before if samples.size]
@@ -433,7 +433,7 @@ def _lead_in(fitted: Fitted, rows: Sequence[int]) -> str:
     return f"{level:.1f}" if np.isfinite(level) else "silent"
 
 
-def _before(fitted: Fitted, row: int) -> Array:
+def _before(fitted: PoleFit, row: int) -> Array:
     place = int(fitted.order[row])
     segment = next(each for each in fitted.segments if place < each.rows.stop)
     return segment.before[place - segment.rows.start]

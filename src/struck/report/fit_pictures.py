@@ -15,7 +15,7 @@ from struck.model.picture_style import in_default_style
 from struck.model.residual import Residual
 from struck.model.survey import Survey
 from struck.recordings.gain_table import arrivals
-from struck.recordings.poles.search import Fitted
+from struck.recordings.poles.search import PoleFit
 from struck.recordings.takes import Recorded
 from struck.report.charts import (
     BLUE,
@@ -105,9 +105,9 @@ class Energies:
     left: Array  # (rows,): of what the modes leave
 
     @classmethod
-    def of(cls, fitted: Fitted) -> Energies:
+    def of(cls, fitted: PoleFit) -> Energies:
         """Return the energies of every channel of every hit."""
-        heard = (fitted.heard_in(row) for row in range(len(fitted.rows)))
+        heard = (fitted.samples_and_model(row) for row in range(len(fitted.rows)))
         both = [((one**2).sum(), ((one - modes) ** 2).sum()) for one, modes in heard]
         signal, left = np.array(both).reshape(-1, 2).T
         return cls(signal=signal, left=left)
@@ -119,7 +119,7 @@ class Energies:
         return 10 * np.log10(signal / left) if left > 0 else np.inf
 
 
-def hits_of(fitted: Fitted) -> list[list[int]]:
+def hits_of(fitted: PoleFit) -> list[list[int]]:
     """Return the rows of a fit hit by hit."""
     found: dict[tuple[int, int], list[int]] = {}
     for row, what in enumerate(fitted.rows):
@@ -127,7 +127,7 @@ def hits_of(fitted: Fitted) -> list[list[int]]:
     return list(found.values())
 
 
-def chosen_hits(fitted: Fitted, energies: Energies, most: int = MOST) -> list[list[int]]:
+def chosen_hits(fitted: PoleFit, energies: Energies, most: int = MOST) -> list[list[int]]:
     """Return the rows of hits worth hearing: the loudest, then others spread over the takes."""
     every = sorted(hits_of(fitted), key=lambda rows: -energies.signal[rows].max())
     loudest, others = every[0], every[1:]
@@ -142,7 +142,7 @@ def chosen_hits(fitted: Fitted, energies: Energies, most: int = MOST) -> list[li
     return [loudest, *(spread[place] for place in places)]
 
 
-def setting_in(fitted: Fitted, recorded: Recorded, lead: float) -> Array:
+def setting_in(fitted: PoleFit, recorded: Recorded, lead: float) -> Array:
     """Return when the modes of each row set in (rows,), s in its take."""
     # As long after the sound arrived as the model has it, but hardly before what was fitted: run
     # backwards, fast modes grow beyond all bounds.
@@ -150,9 +150,9 @@ def setting_in(fitted: Fitted, recorded: Recorded, lead: float) -> Array:
     return np.maximum(arrivals(fitted, recorded) + lead, times - _BACKWARDS)
 
 
-def played(fitted: Fitted, recorded: Recorded, rows: Sequence[int], times: Array) -> RenderedHit:
+def played(fitted: PoleFit, recorded: Recorded, rows: Sequence[int], times: Array) -> RenderedHit:
     """Return one hit of some rows, in the loudest channel where there are more than two."""
-    heard = [fitted.heard_in(row)[0] for row in rows]
+    heard = [fitted.samples_and_model(row)[0] for row in rows]
     if len(rows) > _EARS:
         best = int(np.argmax([(each**2).sum() for each in heard]))
         rows, heard = [rows[best]], [heard[best]]

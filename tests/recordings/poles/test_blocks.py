@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from struck.model.exponentials import Exponentials
 from struck.recordings.noise import Noise
-from struck.recordings.poles.refinement import blocks_around, labelled, settled
+from struck.recordings.poles.refinement import blocks_around, labelled, refine_attempt
 from struck.recordings.segments import Segment
 from tests.recordings.scenes import RATE, ringing
 
@@ -44,9 +44,9 @@ def two_segments() -> tuple[list[Segment], Exponentials]:
 def test_known_modes_leave_nothing_and_have_their_gains() -> None:
     segments, truth = two_segments()
     blocks = blocks_around(segments, POLES, [GROUP])
-    found = settled(blocks, truth, POLES[GROUP], 0)
+    found = refine_attempt(blocks, truth, POLES[GROUP], 0)
     assert found.gains == pytest.approx(truth.gains[:, GROUP], rel=1e-6)
-    without = settled(blocks, truth, POLES[GROUP[1:]], 0)
+    without = refine_attempt(blocks, truth, POLES[GROUP[1:]], 0)
     assert found.cost < 1e-9 * without.cost
 
 
@@ -54,7 +54,7 @@ def test_poles_of_a_group_are_found_from_all_segments() -> None:
     segments, truth = two_segments()
     blocks = blocks_around(segments, POLES, [GROUP])
     off = np.array([0.3 - 0.8j, -0.5 + 0.5j, 10 - 9j])
-    found = settled(blocks, truth, POLES[GROUP] + off, 40)
+    found = refine_attempt(blocks, truth, POLES[GROUP] + off, 40)
     assert found.poles == pytest.approx(POLES[GROUP], rel=1e-7)
     assert found.gains == pytest.approx(truth.gains[:, GROUP], rel=1e-3)
     assert found.misfit == 1
@@ -83,7 +83,7 @@ def test_poles_of_a_noisy_group_are_those_of_least_squares() -> None:
 
     start = np.concatenate((POLES[two].real, POLES[two].imag))
     best = least_squares(left, start, x_scale=[1, 1, 1, 1], xtol=1e-12, ftol=1e-12).x
-    found = settled(blocks, Exponentials(poles=POLES, gains=gains), POLES[two], 40)
+    found = refine_attempt(blocks, Exponentials(poles=POLES, gains=gains), POLES[two], 40)
     assert found.poles == pytest.approx(best[:2] + 1j * best[2:], abs=2e-3)
 
 
@@ -104,7 +104,7 @@ def test_bins_are_those_within_reach_of_any_mode() -> None:
 def test_equal_poles_do_no_harm() -> None:
     segments, truth = two_segments()
     blocks = blocks_around(segments, POLES, [GROUP])
-    found = settled(blocks, truth, POLES[[0, 0, 1, 2]], 3)
+    found = refine_attempt(blocks, truth, POLES[[0, 0, 1, 2]], 3)
     assert np.isfinite(found.poles).all()
     assert np.isfinite(found.gains).all()
 

@@ -9,7 +9,7 @@ from scipy.signal import fftconvolve
 
 import struck
 from struck import Strike
-from struck.recordings.poles.search import Fitted, fit_poles
+from struck.recordings.poles.search import PoleFit, fit_poles
 from struck.recordings.takes import Take
 from struck.shapes import Bar
 from tests.recordings.scenes import RATE
@@ -19,7 +19,7 @@ PUSH = np.sin(np.pi * np.arange(132) / 132)
 """3 ms."""
 
 
-def fitted(sound: Array, rate: int = RATE) -> Fitted:
+def fitted(sound: Array, rate: int = RATE) -> PoleFit:
     """Fit a sound after half a second of noise 74 dB below its peak."""
     heard = np.pad(0.5 * sound / np.abs(sound).max(), (rate // 2, 0))
     heard += 1e-4 * np.random.default_rng(0).standard_normal(len(heard))

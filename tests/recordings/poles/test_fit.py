@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from struck.errors import OptionError, RecordingError
-from struck.recordings.poles.search import Fitted, fit_poles
+from struck.recordings.poles.search import PoleFit, fit_poles
 from struck.recordings.takes import Take
 from tests.recordings.scenes import LEAD, RATE, over_noise, recorded, repeated, scene, score
 from tests.recordings.sounds import burst, chord, cymbal, sine, speech
@@ -31,7 +31,7 @@ def bar(seed: int = 0, channels: int = 1) -> Take:
     return take(recorded(FREQUENCIES, DECAYS, gains, 40, chance, seconds=1.0).samples)
 
 
-def poles(fit: Fitted) -> NDArray[np.complex128]:
+def poles(fit: PoleFit) -> NDArray[np.complex128]:
     return -fit.decays + 2j * np.pi * fit.frequencies
 
 
@@ -60,7 +60,7 @@ def test_a_measurement_names_the_modes_that_may_be_two_and_leaves_them_out() -> 
     named = [float(each) for each in re.findall(r"\d+\.\d", note)]
     assert named
     assert all(np.abs(weak - each).min() < 1 for each in named)
-    assert len(measured.heard.poles) == len(measured.frequencies) + len(named)
+    assert len(measured.exponentials.poles) == len(measured.frequencies) + len(named)
     assert not any("too weak" in each for each in played.notes)
 
 

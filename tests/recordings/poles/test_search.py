@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from struck.recordings.poles.search import Fitted, fit_poles
+from struck.recordings.poles.search import PoleFit, fit_poles
 from struck.recordings.takes import Take
 from tests.recordings.bounds import resolvable
 from tests.recordings.scenes import (
@@ -44,21 +44,21 @@ class Outcome:
     told: dict[str, str]
 
 
-def fitted(take: Scene) -> Fitted:
+def fitted(take: Scene) -> PoleFit:
     return fit_poles(Take(samples=take.samples, sample_rate=RATE), budget=None)
 
 
-def poles(fit: Fitted) -> np.ndarray:
+def poles(fit: PoleFit) -> np.ndarray:
     return -fit.decays + 2j * np.pi * fit.frequencies
 
 
-def since_the_hit(fit: Fitted) -> np.ndarray:
+def since_the_hit(fit: PoleFit) -> np.ndarray:
     """Return gains as of the true moment of the hit."""
     times = np.array([row.time for row in fit.rows]) - LEAD / RATE
     return fit.gains * np.exp(np.outer(-times, poles(fit)))
 
 
-def within_two(fit: Fitted, truth: Truth) -> float:
+def within_two(fit: PoleFit, truth: Truth) -> float:
     """Return the share of true errors that two standard errors cover."""
     rows, columns = paired(truth, poles(fit), since_the_hit(fit))
     frequency = np.abs(fit.frequencies[columns] - truth.frequencies[rows])
@@ -67,7 +67,7 @@ def within_two(fit: Fitted, truth: Truth) -> float:
     return float(np.mean(covered))
 
 
-def strong_missing(fit: Fitted, truth: Truth) -> float:
+def strong_missing(fit: PoleFit, truth: Truth) -> float:
     """Return which share of the gains 40 dB over the noise have no value within 6 dB."""
     strong = np.abs(truth.gains) ** 2 / (4 * truth.decays) * RATE > 1e4 * truth.noise[:, None] ** 2
     rows, columns = paired(truth, poles(fit), since_the_hit(fit))

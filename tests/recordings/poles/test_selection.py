@@ -8,7 +8,7 @@ import pytest
 from struck.model.exponentials import Exponentials
 from struck.recordings.noise import Noise
 from struck.recordings.poles.refinement import refine
-from struck.recordings.poles.selection import prune, weed
+from struck.recordings.poles.selection import drop_redundant, prune
 from struck.recordings.segments import Segment
 from tests.recordings.scenes import RATE, ringing
 
@@ -31,7 +31,7 @@ def test_a_satellite_that_noise_made_is_dropped(seed: int) -> None:
     given = segment(FREQUENCIES, DECAYS, np.ones(3), seed)
     crowded = started(np.append(FREQUENCIES, 1129.5), np.append(DECAYS, 7.0))
     fitted = refine([given], crowded, sweeps=4, steps=6)
-    kept = weed([given], fitted)
+    kept = drop_redundant([given], fitted)
     assert kept.count == 3
     assert np.sort(kept.frequencies) == pytest.approx(FREQUENCIES, abs=0.01)
 
@@ -40,12 +40,12 @@ def test_a_weak_mode_that_is_there_stays() -> None:
     tones, decays = np.append(FREQUENCIES, 1127.0), np.append(DECAYS, 4.0)
     given = segment(tones, decays, np.array([1.0, 1.0, 1.0, 0.03]), 1)
     fitted = refine([given], started(tones, decays), sweeps=4, steps=6)
-    assert weed([given], fitted).count == 4
+    assert drop_redundant([given], fitted).count == 4
 
 
 def test_nothing_is_weeded_of_nothing() -> None:
     given = segment(FREQUENCIES, DECAYS, np.ones(3), 1)
-    assert weed([given], Exponentials.silence(1)).count == 0
+    assert drop_redundant([given], Exponentials.silence(1)).count == 0
 
 
 def chosen(frequencies: list[float], gains: list[list[float]], budget: int) -> list[float]:

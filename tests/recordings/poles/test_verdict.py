@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from struck.errors import RecordingError
 from struck.recordings.fit import fit_recordings
-from struck.recordings.poles.search import Fitted, fit_poles
-from struck.recordings.poles.verdict import MODAL_MARGIN, proven
+from struck.recordings.poles.search import PoleFit, fit_poles
+from struck.recordings.poles.verdict import MODAL_MARGIN, is_proven
 from struck.recordings.takes import Take
 from tests.recordings.scenes import LEAD, RATE, body, recorded, ringing, scene
 from tests.recordings.sounds import engine, music, speech
@@ -19,7 +19,7 @@ from tests.recordings.sounds import engine, music, speech
 Array = NDArray[np.float64]
 
 
-def fit(samples: Array, every: int = 1, budget: int = 32) -> Fitted:
+def fit(samples: Array, every: int = 1, budget: int = 32) -> PoleFit:
     return fit_poles(Take(samples=samples[..., ::every], sample_rate=RATE // every), budget=budget)
 
 
@@ -74,8 +74,8 @@ def test_a_hit_is_proven_by_more_than_its_gains_cost() -> None:
     """20 complex gains cost 2 x 20 ln 10000 = 368, and 10000 x 2 ln 1.0186 is as much."""
     left = [np.random.default_rng(1).standard_normal((1, 10_000))]
     worse, much_worse = ([factor * each for each in left] for factor in (1.017, 1.020))
-    assert not proven(left, worse, 20)
-    assert proven(left, much_worse, 20)
+    assert not is_proven(left, worse, 20)
+    assert is_proven(left, much_worse, 20)
 
 
 def test_takes_that_are_modal_one_by_one_are_told_so_when_refused_together() -> None:

@@ -62,11 +62,13 @@ class Expected:
     def logarithms(self, ratios: Array) -> tuple[Array, Array]:
         """Return ln f0 and its slopes over Poisson's ratio, both (H, M), for ratios (H,)."""
         if not self.follows:
-            own = np.log(self.stiffness.frequencies)
-            return np.tile(own, (len(ratios), 1)), np.zeros((len(ratios), len(own)))
-        every = [self.remade(float(ratio)) for ratio in ratios]
-        slopes = [np.asarray(each.poisson_slopes, np.float64) for each in every]
-        return np.log([each.frequencies for each in every]), np.array(slopes)
+            log_frequencies = np.log(self.stiffness.frequencies)
+            return np.tile(log_frequencies, (len(ratios), 1)), np.zeros(
+                (len(ratios), len(log_frequencies))
+            )
+        stiffnesses = [self.remade(float(ratio)) for ratio in ratios]
+        slopes = [np.asarray(stiffness.poisson_slopes, np.float64) for stiffness in stiffnesses]
+        return np.log([stiffness.frequencies for stiffness in stiffnesses]), np.array(slopes)
 
 
 # Every fitted mode could be every computed one; each such pair votes for the factor between the
@@ -76,7 +78,7 @@ class Expected:
 _RATIOS = np.arange(0.0, 0.49, 0.02)
 # disagreement of true pairs about ln of the factor; 0.003 comes from the ratios' grid
 _WIDTHS = (0.004, 0.016)
-_KEPT = 12  # guesses
+_MAX_GUESSES = 12  # guesses
 _NEIGHBOURS = 3
 
 
@@ -87,15 +89,19 @@ class Hypotheses:
     shifts: Array  # (H,), ln of the factor from computed to fitted frequencies
     ratios: Array  # (H,), Poisson's
     scatters: Array  # (H,), standard deviation of ln f about what the model expects
-    found: Array  # (H,), share of the computed modes that were fitted
-    false: Array  # (H,), share of the fitted modes that the model does not have
+    detection_rates: Array  # (H,), fraction of the computed modes that were fitted
+    false_fractions: Array  # (H,), fraction of the fitted modes that the model does not have
 
     @classmethod
     def of(cls, shifts: Array, ratios: Array, scatters: Array) -> Hypotheses:
-        """Suppose that four in five modes were found, and one in five is none of the body's."""
-        share = np.ones(len(shifts))
+        """Return hypotheses that 80 % of the modes were fitted and 20 % are not of the body."""
+        ones = np.ones(len(shifts))
         return cls(
-            shifts=shifts, ratios=ratios, scatters=scatters, found=0.8 * share, false=0.2 * share
+            shifts=shifts,
+            ratios=ratios,
+            scatters=scatters,
+            detection_rates=0.8 * ones,
+            false_fractions=0.2 * ones,
         )
 
     def __len__(self) -> int:
@@ -121,35 +127,44 @@ def densities(logarithms: Array) -> Array:
     return np.maximum(high - low, 1) / np.maximum(spans, 1e-3)
 
 
-def guesses(heard: Array, expected: Expected, widest: float) -> Hypotheses:
+def guesses(log_frequencies: Array, expected: Expected, widest: float) -> Hypotheses:
     """Return likely factors up to `widest` and Poisson's ratios for ascending ln f0 (M,)."""
     if widest == 1:
-        own = np.array([expected.poisson_ratio])
-        return Hypotheses.of(np.zeros(1), own, np.array([_WIDTHS[0]]))
-    every = [_voted(heard, expected, float(np.log(widest)), width) for width in _WIDTHS]
-    return Hypotheses.of(*(np.concatenate(values) for values in zip(*every, strict=True)))
+        ratios = np.array([expected.poisson_ratio])
+        return Hypotheses.of(np.zeros(1), ratios, np.array([_WIDTHS[0]]))
+    votes = [
+        _find_votes(log_frequencies, expected, float(np.log(widest)), width) for width in _WIDTHS
+    ]
+    return Hypotheses.of(*(np.concatenate(values) for values in zip(*votes, strict=True)))
 
 
-def _voted(
-    heard: Array, expected: Expected, widest: float, width: float
+def _find_votes(
+    log_frequencies: Array, expected: Expected, widest: float, width: float
 ) -> tuple[Array, Array, Array]:
     """Return shifts, ratios and scatters of the most voted for."""
-    own = expected.poisson_ratio
-    ratios = np.array([own])
+    model_ratio = expected.poisson_ratio
+    ratios = np.array([model_ratio])
     if expected.follows and np.ptp(expected.logarithms(ratios)[1]) > width:
-        ratios = np.union1d(_RATIOS, own)
+        ratios = np.union1d(_RATIOS, model_ratio)
     logarithms, _ = expected.logarithms(ratios)
     edges = np.arange(-widest - width, widest + 1.5 * width, width)
-    # What a pair is worth: modes are telling where they are sparse.
-    weights = np.log1p(1 / (densities(heard) * width))
-    votes = np.array([_votes(heard, each, weights, edges) for each in logarithms])
+    # The weight of a pair: sparse modes are more specific.
+    weights = np.log1p(1 / (densities(log_frequencies) * width))
+    votes = np.array(
+        [
+            _votes(log_frequencies, expected_logarithms, weights, edges)
+            for expected_logarithms in logarithms
+        ]
+    )
     cases, bins = _peaks(votes)
-    middles = (edges[:-1] + edges[1:]) / 2
-    return middles[bins], ratios[cases], np.full(len(bins), 2 * width)
+    bin_centres = (edges[:-1] + edges[1:]) / 2
+    return bin_centres[bins], ratios[cases], np.full(len(bins), 2 * width)
 
 
-def _votes(heard: Array, computed: Array, weights: Array, edges: Array) -> Array:
-    differences = heard[:, None] - computed
+def _votes(
+    log_frequencies: Array, expected_logarithms: Array, weights: Array, edges: Array
+) -> Array:
+    differences = log_frequencies[:, None] - expected_logarithms
     spread = np.broadcast_to(weights[:, None], differences.shape)
     counts, _ = np.histogram(differences, edges, weights=spread)
     return np.convolve(counts, [0.5, 1.0, 0.5], mode="same")
@@ -157,19 +172,21 @@ def _votes(heard: Array, computed: Array, weights: Array, edges: Array) -> Array
 
 def _peaks(votes: Array) -> tuple[Index, Index]:
     """Return cases and bins of the highest peaks, no two in neighbouring bins of close cases."""
-    order = np.argsort(-votes, axis=None, kind="stable")[: 40 * _KEPT]
+    order = np.argsort(-votes, axis=None, kind="stable")[: 40 * _MAX_GUESSES]
     cases, bins = np.unravel_index(order, votes.shape)
-    kept: list[int] = []
+    peaks: list[int] = []
     for place in range(len(order)):
-        near = (np.abs(bins[kept] - bins[place]) < 3) & (np.abs(cases[kept] - cases[place]) < 3)
-        if not near.any():
-            kept.append(place)
-        if len(kept) == _KEPT:
+        is_near = (np.abs(bins[peaks] - bins[place]) < 3) & (
+            np.abs(cases[peaks] - cases[place]) < 3
+        )
+        if not is_near.any():
+            peaks.append(place)
+        if len(peaks) == _MAX_GUESSES:
             break
-    return cases[kept], bins[kept]
+    return cases[peaks], bins[peaks]
 
 
-# All ways to pair two ordered lists one to one, in order, and how likely each pair is in them.
+# All matchings of two ordered lists, one to one and in order, and how likely each pair is in them.
 #
 # A matching's likelihood is the product of its pairs' odds: how many times likelier each is as a
 # pair than as two lonely entries. Sums over all matchings, which are far too many to list, take one
@@ -180,7 +197,7 @@ def _peaks(votes: Array) -> tuple[Index, Index]:
 def posteriors(odds: Array) -> tuple[Array, Array]:
     """Return probabilities of pairs (H, M, N) and ln of the likelihood sums (H,) of all matchings.
 
-    `odds` (H, M, N) say how many times likelier each is as a pair than as two lonely entries; the
+    `odds` (H, M, N) are likelihoods of each pair over those of two unpaired entries; the
     empty matching has the likelihood 1.
     """
     first, reached = _sums(odds)
@@ -194,24 +211,24 @@ def posteriors(odds: Array) -> tuple[Array, Array]:
 def _sums(odds: Array) -> tuple[Array, Array]:
     """Return sums over the matchings of the first i with the first j entries (M + 1, H, N + 1).
 
-    Each row is divided by its largest, whose logarithm (M + 1, H) comes beside it. Entry i is
+    Each row is divided by its largest, whose logarithm (M + 1, H) is returned too. Entry i is
     either alone, or paired with some k up to j while those before i keep to those before k.
     """
     cases, rows, columns = odds.shape
     sums = np.ones((rows + 1, cases, columns + 1))
     logarithms = np.zeros((rows + 1, cases))
     for row in range(rows):
-        now, following = sums[row], sums[row + 1]
-        np.cumsum(odds[:, row] * now[:, :-1], axis=1, out=following[:, 1:])
+        row_sums, following = sums[row], sums[row + 1]
+        np.cumsum(odds[:, row] * row_sums[:, :-1], axis=1, out=following[:, 1:])
         following[:, 0] = 0.0
-        following += now
+        following += row_sums
         largest = following[:, -1:].copy()
         following /= largest
         logarithms[row + 1] = logarithms[row] + np.log(largest[:, 0])
     return sums, logarithms
 
 
-_BESIDE = 1.0  # where a model is heard from, m beyond its centre
+_LISTENER_DISTANCE = 1.0  # least distance of the listener of a model from its centre, m
 
 
 @runtime_checkable
@@ -283,7 +300,11 @@ class Partials:
         contact = model.contact()
         drives = model.gains.at(contact.point[None], contact.direction[None])[0]
         centre = np.zeros(3) if model.centre is None else model.centre
-        reach = _BESIDE if model.geometry is None else _BESIDE + 2 * model.geometry.extent
+        reach = (
+            _LISTENER_DISTANCE
+            if model.geometry is None
+            else _LISTENER_DISTANCE + 2 * model.geometry.extent
+        )
         outputs = model.gains.toward(centre[None] + [reach, 0.0, 0.0])[0]
         unknown = np.zeros(len(model.frequencies))
         errors = unknown if model.errors is None else np.nan_to_num(model.errors)
@@ -301,21 +322,25 @@ class Partials:
         return np.hypot(self.frequencies, self.decays / (2 * np.pi))
 
 
-def _errors(fitted: Any, name: str, count: int) -> Array:  # noqa: ANN401 - whoever fitted it
-    stated = getattr(fitted, name, None)
-    return np.zeros(count) if stated is None else np.nan_to_num(np.asarray(stated, np.float64))
+def _errors(fitted: Any, name: str, count: int) -> Array:  # noqa: ANN401 - any result of a fit
+    stated_errors = getattr(fitted, name, None)
+    return (
+        np.zeros(count)
+        if stated_errors is None
+        else np.nan_to_num(np.asarray(stated_errors, np.float64))
+    )
 
 
 RATIO_PRIOR = 0.1  # standard deviation of Poisson's ratio about the model's own beforehand
 # A scatter, and for how many pairs it counts: two or three alone never make it vanish.
 _SCATTER, _SCATTER_PAIRS = 3e-4, 2.0
 # A few modes lie farther off than the others, as theory or a support has it: share, and how far.
-_STRAY, _ASTRAY = 0.05, 3e-3
+_STRAY_FRACTION, _STRAY_DEVIATION = 0.05, 3e-3
 # Shares found and false, and how many modes they count for: most modes are in both.
-_FOUND, _FALSE, _SHARE_MODES = 0.8, 0.2, 10.0
+_PRIOR_DETECTION_RATE, _PRIOR_FALSE_FRACTION, _SHARE_MODES = 0.8, 0.2, 10.0
 _SHARES = (0.02, 0.98)
 _LARGEST_STEP = 0.05
-_BEYOND = 0.03  # how far beyond the ends of a list, in ln f, a partner may lie
+_END_MARGIN = 0.03  # how far beyond the ends of a list, in ln f, a partner may lie
 _LARGEST_ODDS = np.exp(25.0)
 
 
@@ -326,11 +351,11 @@ class Evidence:
     pairs: Array  # (H, M, N), probabilities; computed modes in ascending order
     regular: Array  # (H, M, N), the same of pairs no farther off than most
     order: Index  # (H, N), numbers of the computed modes in this order
-    apart: Array  # (H, M, N), ln f0 as heard less expected
+    deviations: Array  # (H, M, N), fitted less expected ln f0
     slopes: Array  # (H, N), of the expected ln f0 over Poisson's ratio
-    sought: Array  # (H,), computed modes that could have been fitted
-    told: Array  # (H,), fitted modes that could have been computed
-    likelihoods: Array  # (H,), logarithms but for a constant
+    computed_counts: Array  # (H,), computed modes that could have been fitted
+    fitted_counts: Array  # (H,), fitted modes that could have been computed
+    likelihoods: Array  # (H,), logarithms up to a constant
 
     def over_modes(self) -> Array:
         """Return the probability of each pair (H, M, N), by numbers of the computed modes."""
@@ -343,9 +368,9 @@ class Evidence:
 class Agreement:
     """Agreement of fitted modes with computed ones."""
 
-    heard: Array  # (M,), ln f0 of the fitted modes, ascending
+    log_frequencies: Array  # (M,), ln f0 of the fitted modes, ascending
     errors: Array  # (M,), their standard errors
-    crowd: Array  # (M,), fitted modes around each for a unit of ln f
+    mode_densities: Array  # (M,), fitted modes around each for a unit of ln f
     expected: Expected
     audible: Array  # (N,), share of each computed mode that can be expected to be heard, 0 to 1
 
@@ -354,11 +379,11 @@ class Agreement:
         """Put the fitted modes in order."""
         natural = partials.natural_frequencies
         order = np.argsort(natural, kind="stable")
-        heard = np.log(natural[order])
+        log_frequencies = np.log(natural[order])
         return cls(
-            heard=heard,
+            log_frequencies=log_frequencies,
             errors=(partials.frequency_errors / natural)[order],
-            crowd=densities(heard),
+            mode_densities=densities(log_frequencies),
             expected=expected,
             audible=audible,
         )
@@ -369,24 +394,26 @@ class Agreement:
         logarithms = logarithms + cases.shifts[:, None]
         order = np.argsort(logarithms, axis=1, kind="stable")
         logarithms, slopes = (np.take_along_axis(a, order, axis=1) for a in (logarithms, slopes))
-        apart = self.heard[:, None] - logarithms[:, None]
-        chances = cases.found[:, None] * self.audible[order]
-        odds, regular = self._odds(apart, cases)
+        deviations = self.log_frequencies[:, None] - logarithms[:, None]
+        chances = cases.detection_rates[:, None] * self.audible[order]
+        odds, regular = self._odds(deviations, cases)
         odds = odds * (chances / (1 - chances))[:, None]
         pairs, sums = posteriors(np.minimum(odds, _LARGEST_ODDS))
-        low, high = self.heard[0] - _BEYOND, self.heard[-1] + _BEYOND
-        within = (logarithms > low) & (logarithms < high)
-        told = (self.heard < logarithms[:, -1:] + _BEYOND).sum(axis=1)
-        alone = (np.log1p(-chances) * within).sum(axis=1) + np.log(cases.false) * told
+        low, high = self.log_frequencies[0] - _END_MARGIN, self.log_frequencies[-1] + _END_MARGIN
+        is_within = (logarithms > low) & (logarithms < high)
+        fitted_counts = (self.log_frequencies < logarithms[:, -1:] + _END_MARGIN).sum(axis=1)
+        unpaired_terms = (np.log1p(-chances) * is_within).sum(axis=1) + np.log(
+            cases.false_fractions
+        ) * fitted_counts
         return Evidence(
             pairs=pairs,
             regular=pairs * regular,
             order=order,
-            apart=apart,
+            deviations=deviations,
             slopes=slopes,
-            sought=(self.audible[order] * within).sum(axis=1),
-            told=told.astype(np.float64),
-            likelihoods=sums + alone + self._priors(cases),
+            computed_counts=(self.audible[order] * is_within).sum(axis=1),
+            fitted_counts=fitted_counts.astype(np.float64),
+            likelihoods=sums + unpaired_terms + self._priors(cases),
         )
 
     def improved(self, cases: Hypotheses, evidence: Evidence) -> Hypotheses:
@@ -394,32 +421,44 @@ class Agreement:
         steps = self._steps(cases, evidence)
         count = evidence.pairs.sum(axis=(1, 2))
         prior = _SHARE_MODES
-        found = (count + prior * _FOUND) / (evidence.sought + prior)
-        false = (evidence.told - count + prior * _FALSE) / (evidence.told + prior)
+        detection_rates = (count + prior * _PRIOR_DETECTION_RATE) / (
+            evidence.computed_counts + prior
+        )
+        false_fractions = (evidence.fitted_counts - count + prior * _PRIOR_FALSE_FRACTION) / (
+            evidence.fitted_counts + prior
+        )
         return Hypotheses(
             shifts=cases.shifts + steps[0],
             ratios=np.clip(cases.ratios + steps[1], LEAST_RATIO, GREATEST_RATIO),
             scatters=self._scatters(cases, evidence),
-            found=np.clip(found, *_SHARES),
-            false=np.clip(false, *_SHARES),
+            detection_rates=np.clip(detection_rates, *_SHARES),
+            false_fractions=np.clip(false_fractions, *_SHARES),
         )
 
-    def _odds(self, apart: Array, cases: Hypotheses) -> tuple[Array, Array]:
+    def _odds(self, deviations: Array, cases: Hypotheses) -> tuple[Array, Array]:
         """Return odds of pairs, all modes being found, and which share of them is regular."""
         variances = self._variances(cases)
-        most = (1 - _STRAY) * _normal(apart, variances)
-        some = _STRAY * _normal(apart, variances + _ASTRAY**2)
-        either = most + some
-        crowd = (cases.false[:, None] * self.crowd)[:, :, None]
-        return either / crowd, most / np.maximum(either, np.finfo(float).tiny)
+        regular_likelihoods = (1 - _STRAY_FRACTION) * _gaussian_density(deviations, variances)
+        stray_likelihoods = _STRAY_FRACTION * _gaussian_density(
+            deviations, variances + _STRAY_DEVIATION**2
+        )
+        likelihoods = regular_likelihoods + stray_likelihoods
+        false_densities = (cases.false_fractions[:, None] * self.mode_densities)[:, :, None]
+        return likelihoods / false_densities, regular_likelihoods / np.maximum(
+            likelihoods, np.finfo(float).tiny
+        )
 
     def _variances(self, cases: Hypotheses) -> Array:
         return (cases.scatters[:, None] ** 2 + self.errors**2)[:, :, None]
 
     def _priors(self, cases: Hypotheses) -> Array:
-        found = _FOUND * np.log(cases.found) + (1 - _FOUND) * np.log(1 - cases.found)
-        false = _FALSE * np.log(cases.false) + (1 - _FALSE) * np.log(1 - cases.false)
-        return _SHARE_MODES * (found + false) - self._strange(cases) ** 2 / 2
+        detection_terms = _PRIOR_DETECTION_RATE * np.log(cases.detection_rates) + (
+            1 - _PRIOR_DETECTION_RATE
+        ) * np.log(1 - cases.detection_rates)
+        false_terms = _PRIOR_FALSE_FRACTION * np.log(cases.false_fractions) + (
+            1 - _PRIOR_FALSE_FRACTION
+        ) * np.log(1 - cases.false_fractions)
+        return _SHARE_MODES * (detection_terms + false_terms) - self._strange(cases) ** 2 / 2
 
     def _strange(self, cases: Hypotheses) -> Array:
         """Return how far ratios are from the model's own, in standard deviations (H,)."""
@@ -433,28 +472,30 @@ class Agreement:
         Poisson's ratio, when little heard depends on it, keeps to the model's own.
         """
         weights = evidence.regular / self._variances(cases)
-        slopes, apart = evidence.slopes[:, None], evidence.apart
-        plain, mixed, square, pull, turn = (
+        slopes, deviations = evidence.slopes[:, None], evidence.deviations
+        plain, mixed, square, shift_force, ratio_force = (
             (weights * term).sum(axis=(1, 2))
-            for term in (1.0, slopes, slopes**2, apart, apart * slopes)
+            for term in (1.0, slopes, slopes**2, deviations, deviations * slopes)
         )
         plain = plain + 1.0  # a case without pairs stays where it is
         square = square + 1 / RATIO_PRIOR**2
-        turn = turn - self._strange(cases) / RATIO_PRIOR
-        ratio = (plain * turn - mixed * pull) / (plain * square - mixed**2)
+        ratio_force = ratio_force - self._strange(cases) / RATIO_PRIOR
+        ratio = (plain * ratio_force - mixed * shift_force) / (plain * square - mixed**2)
         ratio = np.clip(ratio, -_LARGEST_STEP, _LARGEST_STEP)
-        return (pull - mixed * ratio) / plain, ratio
+        return (shift_force - mixed * ratio) / plain, ratio
 
     def _scatters(self, cases: Hypotheses, evidence: Evidence) -> Array:
         """Return scatters about expected frequencies, errors of fitting apart (H,)."""
-        own = cases.scatters[:, None, None] ** 2
-        share = own / self._variances(cases)
-        squares = (share * evidence.apart) ** 2 + own * (1 - share)
+        scatter_variances = cases.scatters[:, None, None] ** 2
+        scatter_fractions = scatter_variances / self._variances(cases)
+        squares = (scatter_fractions * evidence.deviations) ** 2 + scatter_variances * (
+            1 - scatter_fractions
+        )
         total = (evidence.regular * squares).sum(axis=(1, 2)) + _SCATTER_PAIRS * _SCATTER**2
         count = evidence.regular.sum(axis=(1, 2))
-        free = np.maximum(count - 1 - self.expected.follows, 0) + _SCATTER_PAIRS
-        return np.sqrt(total / free)
+        freedom = np.maximum(count - 1 - self.expected.follows, 0) + _SCATTER_PAIRS
+        return np.sqrt(total / freedom)
 
 
-def _normal(apart: Array, variances: Array) -> Array:
-    return np.exp(-(apart**2) / (2 * variances)) / np.sqrt(2 * np.pi * variances)
+def _gaussian_density(deviations: Array, variances: Array) -> Array:
+    return np.exp(-(deviations**2) / (2 * variances)) / np.sqrt(2 * np.pi * variances)

@@ -1,9 +1,9 @@
 """Material of a body, from a recording of it and a model of its shape.
 
 2002's future work: "using their measured data for a given object to infer material parameters that
-could then be applied to the geometry of a different object". Frequencies tell E / density and, as
-far as modes follow it differently, Poisson's ratio; decays tell the damping. Sound alone tells
-neither Young's modulus nor density, and 1 % of size is 2 % of E / density.
+could then be applied to the geometry of a different object". Frequencies determine E / density
+and, as far as modes follow it differently, Poisson's ratio; decays determine the damping. Sound
+alone determines neither Young's modulus nor density; 1 % of size is 2 % of E / density.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def corrected(
     fitted : FittedModes or ModalModel
         Anything with `frequencies`, `decays` and `gains`.
     pairing : Pairing, optional
-        Which mode is which; found unless given.
+        Which mode is which. Default: paired by `paired`.
 
     Returns
     -------
@@ -112,33 +112,37 @@ def _frequencies(model: ModalModel, partials: Partials, pairs: Pairing) -> Array
 
 def _decays(model: ModalModel, partials: Partials, pairs: Pairing) -> Array:
     """Return decays in the model's order, 1/s."""
-    heard, told = partials.decays[pairs.fitted], model.decays[pairs.computed]
-    known = told > 0
-    more = float(np.median(heard[known] / told[known])) if known.any() else 1.0
-    decays = model.decays * more
-    decays[pairs.computed] = heard
+    fitted_decays, computed_decays = partials.decays[pairs.fitted], model.decays[pairs.computed]
+    is_decaying = computed_decays > 0
+    ratio = (
+        float(np.median(fitted_decays[is_decaying] / computed_decays[is_decaying]))
+        if is_decaying.any()
+        else 1.0
+    )
+    decays = model.decays * ratio
+    decays[pairs.computed] = fitted_decays
     return decays
 
 
 def _errors(model: ModalModel, partials: Partials, pairs: Pairing) -> Array:
     """Return relative errors of the frequencies: the fit's for paired modes, else the scatter."""
     errors = np.full(len(model.natural_frequencies), pairs.scatter)
-    stated = partials.frequency_errors[pairs.fitted] / partials.frequencies[pairs.fitted]
-    errors[pairs.computed] = np.where(stated > 0, stated, np.nan)
+    stated_errors = partials.frequency_errors[pairs.fitted] / partials.frequencies[pairs.fitted]
+    errors[pairs.computed] = np.where(stated_errors > 0, stated_errors, np.nan)
     return errors
 
 
 def _curve(natural: Array, decays: Array) -> Measured:
     """Return the damping that goes through all decays; modes of one frequency share their mean."""
     places, twins = np.unique(natural, return_inverse=True)
-    kept = np.maximum(decays, np.finfo(float).tiny)
-    means = np.exp(np.bincount(twins, np.log(kept)) / np.bincount(twins))
+    positive_decays = np.maximum(decays, np.finfo(float).tiny)
+    means = np.exp(np.bincount(twins, np.log(positive_decays)) / np.bincount(twins))
     return Measured(frequencies=tuple(places.tolist()), rates=tuple(means.tolist()))
 
 
 _FIT_ROUNDS = 20
-_LEAST = 1e-9  # what rounding leaves of ln f
-_FARTHEST, _FEWEST = 4.0, 3
+_ROUNDING_ERROR = 1e-9  # rounding error of ln f
+_MAX_DEVIATION, _MIN_REGULAR_MODES = 4.0, 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -148,7 +152,7 @@ class ElasticFit:
     shift: float  # ln of fitted over computed frequencies: half that of E / density
     ratio: float  # Poisson's
     covariance: Array  # (2, 2), of ln(E / density) and the ratio
-    freedom: float  # modes less the coefficients that they told
+    freedom: float  # number of modes less the number of coefficients that they determine
     scatter: float  # standard deviation of ln f about the fit, errors of fitting apart
     residuals: Array  # (P,), ln f heard less expected
     regular: NDArray[np.bool_]  # (P,), modes that counted: within four deviations of the pairing
@@ -165,18 +169,20 @@ def elastic_fit(
     """
     natural = partials.natural_frequencies[pairing.fitted]
     errors = partials.frequency_errors[pairing.fitted] / natural
-    every = _Task(
-        heard=np.log(natural),
+    full_task = _Task(
+        log_frequencies=np.log(natural),
         variances=np.square(errors),
         expected=expected,
         computed=pairing.computed,
         assumed=assumed,
     )
     place, scatter = np.array([np.log(pairing.factor), pairing.poisson_ratio]), pairing.scatter
-    regular = np.abs(every.apart(place)[0]) <= _FARTHEST * np.sqrt(every.variances + scatter**2)
-    if regular.sum() < _FEWEST:
+    regular = np.abs(full_task.residuals_and_design(place)[0]) <= _MAX_DEVIATION * np.sqrt(
+        full_task.variances + scatter**2
+    )
+    if regular.sum() < _MIN_REGULAR_MODES:
         regular[:] = True
-    task = every.of(regular)
+    task = full_task.of(regular)
     for _ in range(_FIT_ROUNDS):
         place = task.nearer(place, scatter)
         scatter = task.scatter(place, scatter)
@@ -187,14 +193,14 @@ def elastic_fit(
         covariance=covariance,
         freedom=freedom,
         scatter=scatter,
-        residuals=every.apart(place)[0],
+        residuals=full_task.residuals_and_design(place)[0],
         regular=regular,
     )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Task:
-    heard: Array
+    log_frequencies: Array
     variances: Array
     expected: Expected
     computed: NDArray[np.int64]
@@ -204,21 +210,21 @@ class _Task:
         """Return the task for some of the modes."""
         return replace(
             self,
-            heard=self.heard[modes],
+            log_frequencies=self.log_frequencies[modes],
             variances=self.variances[modes],
             computed=self.computed[modes],
         )
 
-    def apart(self, place: Array) -> tuple[Array, Array]:
+    def residuals_and_design(self, place: Array) -> tuple[Array, Array]:
         """Return the residuals (P,) and their design: slopes over shift and ratio (P, 2)."""
         logarithms, slopes = self.expected.logarithms(place[1:])
         chosen = slopes[0, self.computed]
-        residuals = self.heard - logarithms[0, self.computed] - place[0]
+        residuals = self.log_frequencies - logarithms[0, self.computed] - place[0]
         return residuals, np.stack([np.ones_like(chosen), chosen], axis=1)
 
     def weighed(self, design: Array, scatter: float) -> tuple[Array, Array]:
         """Return weights (P,) of pairs and the normal matrix without the prior."""
-        weights = 1 / np.maximum(self.variances + scatter**2, _LEAST**2)
+        weights = 1 / np.maximum(self.variances + scatter**2, _ROUNDING_ERROR**2)
         return weights, (design * weights[:, None]).T @ design
 
     @property
@@ -226,53 +232,53 @@ class _Task:
         return np.diag([0.0, RATIO_PRIOR**-2])
 
     def nearer(self, place: Array, scatter: float) -> Array:
-        residuals, design = self.apart(place)
-        weights, normal = self.weighed(design, scatter)
-        pull = (design * weights[:, None]).T @ residuals
-        known = np.isfinite(self.assumed)
-        pull[1] += (self.assumed - place[1]) / RATIO_PRIOR**2 if known else 0.0
-        moved = place + np.linalg.solve(normal + self.prior, pull)
-        return np.array([moved[0], np.clip(moved[1], LEAST_RATIO, GREATEST_RATIO)])
+        residuals, design = self.residuals_and_design(place)
+        weights, normal_matrix = self.weighed(design, scatter)
+        force = (design * weights[:, None]).T @ residuals
+        is_known = np.isfinite(self.assumed)
+        force[1] += (self.assumed - place[1]) / RATIO_PRIOR**2 if is_known else 0.0
+        new_place = place + np.linalg.solve(normal_matrix + self.prior, force)
+        return np.array([new_place[0], np.clip(new_place[1], LEAST_RATIO, GREATEST_RATIO)])
 
     def scatter(self, place: Array, before: float) -> float:
         """Return the scatter with which the residuals are as large as they should be."""
-        residuals, design = self.apart(place)
+        residuals, design = self.residuals_and_design(place)
         squares = np.square(residuals)
         free = self.freedom(design, before)
-        most = float(np.sqrt(squares.sum() / free))
+        max_scatter = float(np.sqrt(squares.sum() / free))
 
         def excess(scatter: float) -> float:
-            spread = np.maximum(self.variances + scatter**2, _LEAST**2)
+            spread = np.maximum(self.variances + scatter**2, _ROUNDING_ERROR**2)
             return float((squares / spread).sum() - free)
 
         if excess(0.0) <= 0:
             return 0.0
-        return float(brentq(excess, 0.0, 2 * most + _LEAST))
+        return float(brentq(excess, 0.0, 2 * max_scatter + _ROUNDING_ERROR))
 
     def freedom(self, design: Array, scatter: float) -> float:
-        _, normal = self.weighed(design, scatter)
-        told = np.trace(np.linalg.solve(normal + self.prior, normal))
-        return max(len(self.heard) - float(told), 1.0)
+        _, normal_matrix = self.weighed(design, scatter)
+        parameter_count = np.trace(np.linalg.solve(normal_matrix + self.prior, normal_matrix))
+        return max(len(self.log_frequencies) - float(parameter_count), 1.0)
 
     def material_covariance(self, place: Array, scatter: float) -> tuple[Array, float]:
         """Return the covariance of ln(E / density) and the ratio, and the degrees of freedom."""
-        _, design = self.apart(place)
-        weights, normal = self.weighed(design, scatter)
-        covariance: Array = np.linalg.inv(normal + self.prior).astype(np.float64)
-        stated = self.expected.remade(float(place[1])).errors
-        if stated is not None:
-            wrong = np.nan_to_num(stated[self.computed])
-            follows = covariance @ (design * weights[:, None] * wrong[:, None]).T
-            together = follows.sum(axis=1)
-            covariance += np.outer(together, together) + follows @ follows.T
+        _, design = self.residuals_and_design(place)
+        weights, normal_matrix = self.weighed(design, scatter)
+        covariance: Array = np.linalg.inv(normal_matrix + self.prior).astype(np.float64)
+        stated_errors = self.expected.remade(float(place[1])).errors
+        if stated_errors is not None:
+            errors = np.nan_to_num(stated_errors[self.computed])
+            responses = covariance @ (design * weights[:, None] * errors[:, None]).T
+            common_response = responses.sum(axis=1)
+            covariance += np.outer(common_response, common_response) + responses @ responses.T
         double = np.diag([2.0, 1.0])
         return double @ covariance @ double, self.freedom(design, scatter)
 
 
-FEWEST = 3  # pairs without which nothing is told
+MIN_PAIRS = 3  # pairs that a calibration needs at least
 _ROUNDS = 8
 # Steps this small, slopes carry on exactly.
-_SETTLED = 1e-5
+_MAX_LAST_STEP = 1e-5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -319,7 +325,7 @@ class Calibration:
 
     @property
     def standard_errors(self) -> tuple[float, float]:
-        """Of E / density, relative, and of Poisson's ratio."""
+        """Standard errors of E / density, relative, and of Poisson's ratio."""
         relative, ratio = np.sqrt(np.diag(self.covariance))
         return float(relative), float(ratio)
 
@@ -345,12 +351,12 @@ class Calibration:
     @checked
     def material(self, density: float | None = None) -> Material:
         """Return the material to analyze others with, of a density, kg/m^3, or the model's own."""
-        given = self.density if density is None else density
+        chosen_density = self.density if density is None else density
         stiffness, ratio = self.standard_errors
         return Material(
             name=f"{self.name} as heard",
-            density=given,
-            youngs_modulus=self.specific_stiffness * given,
+            density=chosen_density,
+            youngs_modulus=self.specific_stiffness * chosen_density,
             poisson_ratio=self.poisson_ratio,
             damping=self.losses.law,
             source=(
@@ -364,21 +370,21 @@ class Calibration:
     def summary(self) -> list[str]:
         """Return the results, a line each, with standard errors."""
         stiffness, ratio = self.standard_errors
-        young = self.specific_stiffness * self.density / 1e9
-        modulus = rounded(self.specific_stiffness)
+        modulus_in_gpa = self.specific_stiffness * self.density / 1e9
+        modulus, density = rounded(self.specific_stiffness), rounded(self.density)
         extra, missing = len(self.pairing.extra), len(self.pairing.missing)
         law = [
             f"{name.replace('_', ' ')} {rounded(x, 4)}"
             for name, x in self.losses.coefficients.items()
         ]
-        off = np.sqrt(np.mean(self.residuals**2))
+        rms_residual = np.sqrt(np.mean(self.residuals**2))
         return [
             f"E/density {modulus} m2/s2, error {rounded(100 * stiffness, 2)} %",
             f"Poisson   {self.poisson_ratio:.4f}, error {rounded(ratio, 2)}",
-            f"E         {rounded(young, 5)} GPa, if the density is {rounded(self.density)} kg/m3",
+            f"E         {rounded(modulus_in_gpa, 5)} GPa, if the density is {density} kg/m3",
             f"damping   {'' if 'loss' in law[0] else f'{self.losses.name}: '}{', '.join(law)}",
             f"pairs     {len(self.pairing)}; alone {extra} fitted modes, {missing} of the model",
-            f"residual  {rounded(off, 2)} cents root mean square",
+            f"residual  {rounded(rms_residual, 2)} cents root mean square",
         ]
 
 
@@ -404,7 +410,7 @@ def calibrated(
         Computes the body of another material, where that is exact and cheap. Without it, modes
         follow Poisson's ratio by their slopes: within 0.2 % for a ratio wrong by 0.05.
     widest : float
-        Largest factor between fitted and computed frequencies, either way.
+        Largest factor between fitted and computed frequencies, up or down. Default: 2.
     size_error : float
         Relative standard error of the lengths that the model was made with: a body 1 % too large
         makes its material 2 % too stiff. A sheet goes with its thickness over its length squared.
@@ -422,15 +428,15 @@ def calibrated(
     OptionError
         On a `size_error` below 0.
     """
-    known = inferable(model, size_error)
+    material = inferable(model, size_error)
     partials = Partials.of(fitted)
     pairing = _require_pairs(paired(partials, model, widest=widest), partials)
-    _require_likeness(partials, model, pairing)
+    _require_agreement(partials, model, pairing)
     if recompute is not None:
-        model, pairing = _recomputed(partials, model, pairing, recompute)
-    fit = elastic_fit(partials, Expected(model=model), pairing, known.poisson_ratio)
+        model, pairing = _recompute_until_settled(partials, model, pairing, recompute)
+    fit = elastic_fit(partials, Expected(model=model), pairing, material.poisson_ratio)
     base = inferable(model)
-    heard = partials.natural_frequencies, partials.decays, partials.decay_errors
+    mode_values = partials.natural_frequencies, partials.decays, partials.decay_errors
     covariance = fit.covariance + np.diag([(2 * size_error) ** 2, 0.0])
     return Calibration(
         specific_stiffness=base.youngs_modulus / base.density * float(np.exp(2 * fit.shift)),
@@ -438,9 +444,9 @@ def calibrated(
         covariance=covariance,
         freedom=fit.freedom,
         scatter=fit.scatter,
-        losses=losses(*(each[pairing.fitted] for each in heard)),
-        density=known.density,
-        name=known.name,
+        losses=losses(*(values[pairing.fitted] for values in mode_values)),
+        density=material.density,
+        name=material.name,
         pairing=pairing,
         model=model,
         residuals=1200 / np.log(2) * fit.residuals,
@@ -465,8 +471,8 @@ def inferable(model: ModalModel, size_error: float = 0.0) -> Material:
     OptionError
         On a `size_error` below 0.
     """
-    wanted = "give a relative error of at least 0"
-    require_number("size_error", size_error, 0, 1, wanted=wanted)
+    hint = "give a relative error of at least 0"
+    require_number("size_error", size_error, 0, 1, wanted=hint)
     if model.material is None:
         raise MaterialError("the model's own material is unknown: analyze the shape with a guess")
     if model.tensioned:
@@ -478,16 +484,16 @@ def inferable(model: ModalModel, size_error: float = 0.0) -> Material:
 
 
 def _require_pairs(pairing: Pairing, partials: Partials) -> Pairing:
-    if len(pairing) < FEWEST:
+    if len(pairing) < MIN_PAIRS:
         raise RecordingError(
             f"{len(pairing)} of {len(partials.frequencies)} fitted modes could be paired with the "
-            f"model's, fewer than {FEWEST}: check the shape and its size, or analyze it "
+            f"model's, fewer than {MIN_PAIRS}: check the shape and its size, or analyze it "
             "in a material nearer to the body's"
         )
     return pairing
 
 
-def _require_likeness(partials: Partials, model: ModalModel, pairing: Pairing) -> None:
+def _require_agreement(partials: Partials, model: ModalModel, pairing: Pairing) -> None:
     if not explains(partials, model, pairing):
         raise RecordingError(
             f"only {len(pairing)} of {len(partials.frequencies)} fitted modes agree with the "
@@ -496,21 +502,21 @@ def _require_likeness(partials: Partials, model: ModalModel, pairing: Pairing) -
         )
 
 
-def _recomputed(
+def _recompute_until_settled(
     partials: Partials,
     model: ModalModel,
     pairing: Pairing,
     recompute: Callable[[Material], ModalModel],
 ) -> tuple[ModalModel, Pairing]:
-    """Compute the body anew until it is of the material that is heard."""
-    known = inferable(model)
+    """Compute the body again until its material agrees with the recording."""
+    first_material = inferable(model)
     for _ in range(_ROUNDS):
         material = inferable(model)
-        fit = elastic_fit(partials, Expected(model=model), pairing, known.poisson_ratio)
-        if abs(fit.shift) + abs(fit.ratio - material.poisson_ratio) < _SETTLED:
+        fit = elastic_fit(partials, Expected(model=model), pairing, first_material.poisson_ratio)
+        if abs(fit.shift) + abs(fit.ratio - material.poisson_ratio) < _MAX_LAST_STEP:
             break
         stiffness = material.youngs_modulus * float(np.exp(2 * fit.shift))
-        wanted = replace(material, youngs_modulus=stiffness, poisson_ratio=fit.ratio)
-        model = recompute(wanted)
+        new_material = replace(material, youngs_modulus=stiffness, poisson_ratio=fit.ratio)
+        model = recompute(new_material)
         pairing = _require_pairs(paired(partials, model, widest=1), partials)
     return model, pairing

@@ -39,19 +39,19 @@ class Terms:
         basis = np.stack([self.damping(unit).decays(frequencies) for unit in units], axis=1)
         scale = np.median(decays) / np.median(basis, axis=0)
         basis = basis * scale
-        coefficients, told = np.zeros(self.count), decays
-        for _ in range(_ROUNDS):  # Gauss-Newton in ln d, from the least squares of d / told
-            rows = np.sqrt(weights) / told
-            aims = told * (1 + np.log(decays / told))
-            coefficients, _ = nnls(basis * rows[:, None], aims * rows)
-            told = np.maximum(basis @ coefficients, np.finfo(float).tiny)
-        return coefficients * scale, basis / told[:, None] / scale
+        coefficients, model_decays = np.zeros(self.count), decays
+        for _ in range(_ROUNDS):  # Gauss-Newton in ln d, from the least squares of d / model
+            rows = np.sqrt(weights) / model_decays
+            targets = model_decays * (1 + np.log(decays / model_decays))
+            coefficients, _ = nnls(basis * rows[:, None], targets * rows)
+            model_decays = np.maximum(basis @ coefficients, np.finfo(float).tiny)
+        return coefficients * scale, basis / model_decays[:, None] / scale
 
     def damping(self, coefficients: Array) -> Damping:
         """Return the law with these coefficients."""
-        given = dict(zip(self.labels, map(float, coefficients), strict=True))
+        factors = dict(zip(self.labels, map(float, coefficients), strict=True))
         required = {"mass": 0.0, "stiffness": 0.0} if self.kind is Rayleigh else {"loss_tangent": 0}
-        return self.kind(**(required | given))
+        return self.kind(**(required | factors))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,8 +77,10 @@ class LossCurve:
 
     def fitted(self, frequencies: Array, decays: Array, weights: Array) -> tuple[Array, Array]:
         """Return the rates of the least squares, and the slopes of ln d over them (n, k)."""
-        places, wanted = np.log(self.knots), np.log(frequencies)
-        basis = np.stack([np.interp(wanted, places, unit) for unit in np.eye(self.count)], axis=1)
+        places, log_frequencies = np.log(self.knots), np.log(frequencies)
+        basis = np.stack(
+            [np.interp(log_frequencies, places, unit) for unit in np.eye(self.count)], axis=1
+        )
         rows = np.sqrt(weights)
         solution = np.linalg.lstsq(basis * rows[:, None], np.log(decays) * rows)[0]
         return np.exp(solution), basis * np.exp(-solution)
@@ -94,26 +96,26 @@ class LossCurve:
 
 
 LossLaw = Terms | LossCurve
-_BOTH = "loss tangent and external"
+_NAME_OF_BOTH = "loss tangent and external"
 LAWS = (
     Terms(name="loss tangent", kind=InternalFriction, labels=("loss_tangent",)),
-    Terms(name=_BOTH, kind=InternalFriction, labels=("loss_tangent", "external")),
+    Terms(name=_NAME_OF_BOTH, kind=InternalFriction, labels=("loss_tangent", "external")),
     Terms(name="Rayleigh", kind=Rayleigh, labels=("mass", "stiffness")),
 )
 
 _CURVES = (3, 5, 8, 12)
-_MODES_A_COEFFICIENT = 3
+_MODES_PER_COEFFICIENT = 3
 _FOLDS = 10
 _HUBER = 2.0
-_WORST = 3.0
-_LEAST = 1e-4  # least relative error of a decay
+_MAX_DEVIATION = 3.0
+_MIN_ERROR = 1e-4  # least relative error of a decay
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Losses:
     """Law of damping that the modes of a body follow, with its errors and its rivals."""
 
-    # what predicts unseen modes best; a simpler one where it is not significantly worse
+    # the best predictor of left-out modes; a simpler law if that is not significantly worse
     law: Damping
     name: str
     coefficients: Mapping[str, float]  # of the law, by name, in its units
@@ -131,16 +133,16 @@ def losses(frequencies: ArrayLike, decays: ArrayLike, errors: ArrayLike | None =
     eq. 9), or a free curve, by tenfold cross-validation. Natural frequencies (n,) in Hz, decays and
     their standard errors in 1/s.
     """
-    told = np.asarray(decays, np.float64)
-    stated = np.zeros_like(told) if errors is None else np.asarray(errors, np.float64)
-    kept = np.flatnonzero(told > 0)
-    if not kept.size:
+    decay_rates = np.asarray(decays, np.float64)
+    stated_errors = np.zeros_like(decay_rates) if errors is None else np.asarray(errors, np.float64)
+    indices = np.flatnonzero(decay_rates > 0)
+    if not indices.size:
         raise RecordingError("no fitted mode decays: there is no damping to find")
-    kept = kept[np.argsort(np.asarray(frequencies)[kept], kind="stable")]
+    indices = indices[np.argsort(np.asarray(frequencies)[indices], kind="stable")]
     modes = _Decays(
-        frequencies=np.asarray(frequencies, np.float64)[kept],
-        decays=told[kept],
-        errors=np.maximum(stated[kept] / told[kept], _LEAST),
+        frequencies=np.asarray(frequencies, np.float64)[indices],
+        decays=decay_rates[indices],
+        errors=np.maximum(stated_errors[indices] / decay_rates[indices], _MIN_ERROR),
     )
     return modes.explained()
 
@@ -153,10 +155,13 @@ class _Decays:
 
     def explained(self) -> Losses:
         laws = self.laws()
-        apart = {law.name: self.cross_validated(law) for law in laws}
-        scale = min(_spread(each) for each in apart.values())
-        capped = {name: np.minimum(each**2, (_WORST * scale) ** 2) for name, each in apart.items()}
-        law = _simplest(laws, capped)
+        deviations_by_law = {law.name: self.cross_validated(law) for law in laws}
+        scale = min(_spread(deviations_of_law) for deviations_of_law in deviations_by_law.values())
+        squares_by_law = {
+            name: np.minimum(deviations_of_law**2, (_MAX_DEVIATION * scale) ** 2)
+            for name, deviations_of_law in deviations_by_law.items()
+        }
+        law = _select_simplest(laws, squares_by_law)
         coefficients, slopes, weights, scatter = self.settled(law)
         deviations = _standard_errors(slopes * np.sqrt(weights)[:, None])
         return Losses(
@@ -165,19 +170,24 @@ class _Decays:
             coefficients=dict(zip(law.labels, map(float, coefficients), strict=True)),
             standard_errors=dict(zip(law.labels, map(float, deviations), strict=True)),
             scatter=scatter,
-            scores={name: float(np.sqrt(each.mean())) for name, each in capped.items()},
+            scores={
+                name: float(np.sqrt(deviations_of_law.mean()))
+                for name, deviations_of_law in squares_by_law.items()
+            },
         )
 
     def laws(self) -> list[LossLaw]:
         curves = [LossCurve.through(self.frequencies, count) for count in _CURVES]
-        every: list[LossLaw] = [*LAWS, *curves]
-        few = len(self.decays) / _MODES_A_COEFFICIENT
-        named = {law.name: law for law in every if law.count == 1 or law.count <= few}
-        return list(named.values())
+        candidates: list[LossLaw] = [*LAWS, *curves]
+        max_coefficients = len(self.decays) / _MODES_PER_COEFFICIENT
+        laws_by_name = {
+            law.name: law for law in candidates if law.count == 1 or law.count <= max_coefficients
+        }
+        return list(laws_by_name.values())
 
-    def apart(self, law: LossLaw, coefficients: Array) -> Array:
-        told = law.damping(coefficients).decays(self.frequencies)
-        return np.log(self.decays / np.maximum(told, np.finfo(float).tiny))
+    def log_deviations(self, law: LossLaw, coefficients: Array) -> Array:
+        expected_decays = law.damping(coefficients).decays(self.frequencies)
+        return np.log(self.decays / np.maximum(expected_decays, np.finfo(float).tiny))
 
     def of(self, modes: NDArray[np.bool_]) -> _Decays:
         return _Decays(
@@ -192,12 +202,14 @@ class _Decays:
         coefficients, slopes, scatter = np.zeros(0), np.zeros(0), 0.0
         for _ in range(4):
             coefficients, slopes = law.fitted(self.frequencies, self.decays, weights)
-            apart = self.apart(law, coefficients)
-            freedom = max(len(apart) - law.count, 1) / len(apart)
-            scatter = _spread(apart) / np.sqrt(freedom)
-            own = np.maximum(scatter**2 - np.median(self.errors) ** 2, 0.0)
-            deviations = np.sqrt(own + self.errors**2)
-            huber = np.minimum(1.0, _HUBER * deviations / np.maximum(np.abs(apart), _LEAST**2))
+            deviations_from_law = self.log_deviations(law, coefficients)
+            freedom = max(len(deviations_from_law) - law.count, 1) / len(deviations_from_law)
+            scatter = _spread(deviations_from_law) / np.sqrt(freedom)
+            law_variance = np.maximum(scatter**2 - np.median(self.errors) ** 2, 0.0)
+            deviations = np.sqrt(law_variance + self.errors**2)
+            huber = np.minimum(
+                1.0, _HUBER * deviations / np.maximum(np.abs(deviations_from_law), _MIN_ERROR**2)
+            )
             weights = huber / deviations**2
         return coefficients, slopes, weights, scatter
 
@@ -205,17 +217,19 @@ class _Decays:
         """Return ln d less that of the law fitted to other modes (n,), by cross-validation."""
         count = len(self.decays)
         folds = np.arange(count) % min(_FOLDS, count)
-        apart = np.zeros(count)
+        deviations = np.zeros(count)
         for fold in np.unique(folds):
-            hidden = folds == fold
-            rest = self.of(~hidden) if count > 1 else self
-            apart[hidden] = self.of(hidden).apart(law, rest.settled(law)[0])
-        return apart
+            is_left_out = folds == fold
+            training_decays = self.of(~is_left_out) if count > 1 else self
+            deviations[is_left_out] = self.of(is_left_out).log_deviations(
+                law, training_decays.settled(law)[0]
+            )
+        return deviations
 
 
-def _spread(apart: Array) -> float:
+def _spread(deviations: Array) -> float:
     """Return a standard deviation that a few outliers do not move."""
-    return max(1.4826 * float(np.median(np.abs(apart))), _LEAST)
+    return max(1.4826 * float(np.median(np.abs(deviations))), _MIN_ERROR)
 
 
 def _standard_errors(design: Array) -> Array:
@@ -224,13 +238,13 @@ def _standard_errors(design: Array) -> Array:
     return np.sqrt(np.diag(np.linalg.pinv((design / sizes).T @ (design / sizes)))) / sizes
 
 
-def _simplest(laws: list[LossLaw], squares: Mapping[str, Array]) -> LossLaw:
+def _select_simplest(laws: list[LossLaw], squares: Mapping[str, Array]) -> LossLaw:
     """Return the law with the fewest coefficients that is not significantly worse than the best."""
-    best = min(laws, key=lambda law: squares[law.name].mean())
+    best_law = min(laws, key=lambda law: squares[law.name].mean())
 
     def as_good(law: LossLaw) -> bool:
-        more = squares[law.name] - squares[best.name]
-        return law is best or more.mean() <= more.std() / np.sqrt(len(more))
+        more = squares[law.name] - squares[best_law.name]
+        return law is best_law or more.mean() <= more.std() / np.sqrt(len(more))
 
     chosen = [law for law in laws if as_good(law)]
     return min(chosen, key=lambda law: (law.count, squares[law.name].mean()))

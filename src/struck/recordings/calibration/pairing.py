@@ -1,9 +1,9 @@
 """Which fitted mode is which computed one: one to one, with a factor and Poisson's ratio unknown.
 
 A computed mode is fitted with some probability, and then lies about where the model expects it;
-other fitted modes are none of the model's, and as dense as fitted modes are around. All ways to
-pair the two lists in order are weighed by likelihood; factor, ratio, scatter and shares are found
-by expectation maximisation, from those that most pairs vote for.
+other fitted modes are not in the model, and as dense as the fitted modes around them. All matchings
+of the two lists in order are weighted by likelihood; factor, ratio, scatter and fractions are
+estimated by expectation maximisation, from start values that most pairs vote for.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from struck.recordings.calibration.agreement import (
     guesses,
 )
 
-_ROUGH, _ROUNDS = 6, 40
+_FIRST_ROUNDS, _ROUNDS = 6, 40
 _RIVALS = 6
 # Rounds end when no case moves by more than this share of its scatter.
-_SETTLED = 0.01
+_MAX_LAST_STEP = 0.01
 # From a wide scatter and from a narrow one: either may take a stray for a partner or miss many.
-_NARROWER = 5.0
+_NARROWING_FACTOR = 5.0
 # Hypotheses this close are one.
 _SAME_SHIFT, _SAME_RATIO = 2e-3, 0.02
 
@@ -53,7 +53,7 @@ class Pairing:
     poisson_ratio: float
     scatter: float  # standard deviation of ln f about `expected`, errors of fitting apart
     expected: Array  # (N,), natural frequencies with this factor and ratio, Hz
-    certainty: float  # probability of this factor and ratio beside others
+    certainty: float  # probability of this factor and ratio among all hypotheses
     # ln of how much likelier the fitted modes are with the model than alone. Above 0 the model
     # surely explains the recording; below, `beyond_chance` tells.
     support: float
@@ -71,8 +71,8 @@ def paired(
 ) -> Pairing:
     """Find which fitted mode is which of a model's modes.
 
-    Some may be missing, some none of the body's. `widest` is the largest factor between their
-    frequencies, 1 where factor and Poisson's ratio are known but for some parts in a thousand;
+    Some may be missing, some not of the body. `widest` is the largest factor between their
+    frequencies, 1 where factor and Poisson's ratio are known to some parts in a thousand;
     `audible` (N,), 0 to 1, is how far each computed mode can be expected in the recording: one that
     was not woken is not missed.
     """
@@ -83,22 +83,24 @@ def paired(
         raise OptionError(f"widest is {widest}: give the largest factor, at least 1")
     shares = _shares(audible, len(model.frequencies))
     agreement = Agreement.of(partials, Expected(model=model), shares)
-    cases, likelihoods = _likely(agreement, widest)
-    best = np.argsort(-likelihoods, kind="stable")[:_RIVALS]
-    cases = _improved(agreement, cases.chosen(best).and_narrower(_NARROWER), _ROUNDS)
-    return _decided(agreement, cases, np.argsort(partials.natural_frequencies, kind="stable"))
+    cases, likelihoods = _guess_hypotheses(agreement, widest)
+    best_cases = np.argsort(-likelihoods, kind="stable")[:_RIVALS]
+    cases = _improve(agreement, cases.chosen(best_cases).and_narrower(_NARROWING_FACTOR), _ROUNDS)
+    return _decide(agreement, cases, np.argsort(partials.natural_frequencies, kind="stable"))
 
 
 def first_support(partials: Partials, model: ModalModel, widest: float = 2.0) -> float:
     """Return about the support of the best pairing: ln of its likelihood after a few rounds."""
     shares = _shares(None, len(model.frequencies))
     agreement = Agreement.of(partials, Expected(model=model), shares)
-    return float(_likely(agreement, widest)[1].max())
+    return float(_guess_hypotheses(agreement, widest)[1].max())
 
 
-def _likely(agreement: Agreement, widest: float) -> tuple[Hypotheses, Array]:
+def _guess_hypotheses(agreement: Agreement, widest: float) -> tuple[Hypotheses, Array]:
     """Return hypotheses with their likelihoods, a few rounds from the first guesses."""
-    cases = _improved(agreement, guesses(agreement.heard, agreement.expected, widest), _ROUGH)
+    cases = _improve(
+        agreement, guesses(agreement.log_frequencies, agreement.expected, widest), _FIRST_ROUNDS
+    )
     return cases, agreement.under(cases).likelihoods
 
 
@@ -112,40 +114,42 @@ def _shares(audible: ArrayLike | None, count: int) -> Array:
     return shares
 
 
-def _improved(agreement: Agreement, cases: Hypotheses, rounds: int) -> Hypotheses:
+def _improve(agreement: Agreement, cases: Hypotheses, rounds: int) -> Hypotheses:
     for _ in range(rounds):
-        before = cases
+        previous_cases = cases
         cases = agreement.improved(cases, agreement.under(cases))
-        steps = np.abs(cases.shifts - before.shifts) + np.abs(cases.scatters - before.scatters)
-        if np.all(steps < _SETTLED * cases.scatters):
+        steps = np.abs(cases.shifts - previous_cases.shifts) + np.abs(
+            cases.scatters - previous_cases.scatters
+        )
+        if np.all(steps < _MAX_LAST_STEP * cases.scatters):
             break
     return cases
 
 
-def _decided(agreement: Agreement, cases: Hypotheses, order: Index) -> Pairing:
+def _decide(agreement: Agreement, cases: Hypotheses, order: Index) -> Pairing:
     """Pair fitted with computed modes, where the probability over all hypotheses exceeds 50 %."""
     evidence = agreement.under(cases)
-    weights, best, certainty = _weights(cases, evidence.likelihoods)
-    likely: Array = (weights[:, None, None] * evidence.over_modes()).sum(axis=0)
-    ratio, scatter = float(cases.ratios[best]), float(cases.scatters[best])
-    logarithms = agreement.expected.logarithms(np.array([ratio]))[0][0] + cases.shifts[best]
-    rows, columns = linear_sum_assignment(likely, maximize=True)
-    confidence = _confidences(likely, logarithms, rows, columns, scatter)
-    sure = confidence > 0.5
-    rows, columns = rows[sure], columns[sure]
+    weights, best_case, certainty = _weights(cases, evidence.likelihoods)
+    probabilities: Array = (weights[:, None, None] * evidence.over_modes()).sum(axis=0)
+    ratio, scatter = float(cases.ratios[best_case]), float(cases.scatters[best_case])
+    logarithms = agreement.expected.logarithms(np.array([ratio]))[0][0] + cases.shifts[best_case]
+    rows, columns = linear_sum_assignment(probabilities, maximize=True)
+    confidence = _confidences(probabilities, logarithms, rows, columns, scatter)
+    is_sure = confidence > 0.5
+    rows, columns = rows[is_sure], columns[is_sure]
     steadiness = _steadiness(agreement, rows, logarithms[columns], scatter)
     return Pairing(
         fitted=order[rows],
         computed=columns.astype(np.int64),
-        confidence=np.minimum(confidence[sure], 1.0) * steadiness,
+        confidence=np.minimum(confidence[is_sure], 1.0) * steadiness,
         extra=np.sort(np.delete(order, rows)),
         missing=np.delete(np.arange(len(logarithms)), columns),
-        factor=float(np.exp(cases.shifts[best])),
+        factor=float(np.exp(cases.shifts[best_case])),
         poisson_ratio=ratio,
         scatter=scatter,
         expected=np.exp(logarithms),
         certainty=certainty,
-        support=float(evidence.likelihoods[best]),
+        support=float(evidence.likelihoods[best_case]),
     )
 
 
@@ -154,43 +158,46 @@ def _weights(cases: Hypotheses, likelihoods: Array) -> tuple[Array, int, float]:
 
     Cases that have come to the same place share the probability of one of them.
     """
-    best = int(np.argmax(likelihoods))
-    weights = np.exp(likelihoods - likelihoods[best])
-    same = np.abs(cases.shifts - cases.shifts[best]) < _SAME_SHIFT
-    same &= ~(np.abs(cases.ratios - cases.ratios[best]) >= _SAME_RATIO)
-    weights = np.where(same, weights / same.sum(), weights)
+    best_case = int(np.argmax(likelihoods))
+    weights = np.exp(likelihoods - likelihoods[best_case])
+    is_same = np.abs(cases.shifts - cases.shifts[best_case]) < _SAME_SHIFT
+    is_same &= ~(np.abs(cases.ratios - cases.ratios[best_case]) >= _SAME_RATIO)
+    weights = np.where(is_same, weights / is_same.sum(), weights)
     weights /= weights.sum()
-    return weights, best, float(weights[same].sum())
+    return weights, best_case, float(weights[is_same].sum())
 
 
 def _confidences(
-    likely: Array, logarithms: Array, rows: Index, columns: Index, scatter: float
+    probabilities: Array, logarithms: Array, rows: Index, columns: Index, scatter: float
 ) -> Array:
     """Return the probability that each fitted mode is its computed one, or one of equal frequency.
 
-    A round body has its modes two by two at one frequency: which of both is heard does not matter.
+    Modes of round bodies are in pairs of one frequency: which of the two was fitted does not
+    matter.
     """
-    alike = np.abs(logarithms - logarithms[columns, None]) < scatter
-    return np.where(alike, likely[rows], 0.0).sum(axis=1)
+    has_same_frequency = np.abs(logarithms - logarithms[columns, None]) < scatter
+    return np.where(has_same_frequency, probabilities[rows], 0.0).sum(axis=1)
 
 
 def _steadiness(agreement: Agreement, rows: Index, logarithms: Array, scatter: float) -> Array:
     """Return how likely pairs are not exchanged with neighbours, whose order may be wrong."""
     variances = agreement.errors[rows] ** 2 + scatter**2
-    heard, expected = np.diff(agreement.heard[rows]), np.diff(logarithms)
-    between = (variances[1:] + variances[:-1]) / 2
-    exchanged = np.exp(-np.maximum(heard * expected, 0) / between) * (expected > scatter)
+    fitted_steps, expected_steps = np.diff(agreement.log_frequencies[rows]), np.diff(logarithms)
+    mean_variances = (variances[1:] + variances[:-1]) / 2
+    exchange_odds = np.exp(-np.maximum(fitted_steps * expected_steps, 0) / mean_variances) * (
+        expected_steps > scatter
+    )
     steadiness = np.ones(len(rows))
-    steadiness[1:] /= 1 + exchanged
-    steadiness[:-1] /= 1 + exchanged
+    steadiness[1:] /= 1 + exchange_odds
+    steadiness[:-1] /= 1 + exchange_odds
     return steadiness
 
 
 SIGNIFICANT = 4.0  # standard deviations beyond chance at which a model is taken to be the body's
 _TRIALS = 8
-_LEAST = 1e-3  # one mode fits any other as well
+_MIN_DEVIATION = 1e-3  # one mode fits any other as well
 _TWINS = 1e-3  # relative distance of modes that are one frequency's
-_SMOOTH = 4  # modes between which frequencies are drawn anew
+_SMOOTHING_MODES = 4  # modes between the knots of the curve that random frequencies follow
 
 
 def explains(fitted: FittedModes | Partials, model: ModalModel, pairing: Pairing) -> bool:
@@ -205,35 +212,39 @@ def pairs_by_chance(
 ) -> float:
     """Return how many pairs random models of as many modes get on average."""
     chance, partials = np.random.default_rng(seed), Partials.of(fitted)
-    found = [len(paired(partials, _random(model, chance), widest=widest)) for _ in range(_TRIALS)]
-    return float(np.mean(found))
+    pair_counts = [
+        len(paired(partials, _random_model(model, chance), widest=widest)) for _ in range(_TRIALS)
+    ]
+    return float(np.mean(pair_counts))
 
 
 def beyond_chance(fitted: FittedModes | Partials, model: ModalModel, *, seed: int = 0) -> float:
     """Return how far a model's support lies above that of random ones, standard deviations."""
     chance = np.random.default_rng(seed)
     partials = Partials.of(fitted)
-    own = first_support(partials, model)
-    trials = [first_support(partials, _random(model, chance)) for _ in range(_TRIALS)]
-    return float((own - np.mean(trials)) / max(float(np.std(trials, ddof=1)), _LEAST))
+    model_support = first_support(partials, model)
+    trials = [first_support(partials, _random_model(model, chance)) for _ in range(_TRIALS)]
+    return float(
+        (model_support - np.mean(trials)) / max(float(np.std(trials, ddof=1)), _MIN_DEVIATION)
+    )
 
 
-def _random(model: ModalModel, chance: Generator) -> ModalModel:
+def _random_model(model: ModalModel, chance: Generator) -> ModalModel:
     """Return a model with as many modes, as dense, but elsewhere; slopes go to any of them.
 
     Twins, as the modes of round bodies are, stay twins.
     """
-    every = np.log(model.natural_frequencies)
-    first = np.flatnonzero(np.diff(every, prepend=-np.inf) > _TWINS)
-    alone, count = every[first], len(first)
-    knots = np.linspace(0, count - 1, max(2, count // _SMOOTH))
-    heights = np.interp(knots, np.arange(count), alone)
-    drawn = np.sort(chance.uniform(0, count - 1, count))
-    twins = chance.permutation(np.diff(first, append=len(every)))
-    frequencies = np.repeat(np.exp(np.interp(drawn, knots, heights)), twins)
+    log_frequencies = np.log(model.natural_frequencies)
+    first = np.flatnonzero(np.diff(log_frequencies, prepend=-np.inf) > _TWINS)
+    distinct_logarithms, count = log_frequencies[first], len(first)
+    knots = np.linspace(0, count - 1, max(2, count // _SMOOTHING_MODES))
+    heights = np.interp(knots, np.arange(count), distinct_logarithms)
+    drawn_positions = np.sort(chance.uniform(0, count - 1, count))
+    twins = chance.permutation(np.diff(first, append=len(log_frequencies)))
+    frequencies = np.repeat(np.exp(np.interp(drawn_positions, knots, heights)), twins)
     slopes = model.poisson_slopes
     return replace(
         model,
         natural_frequencies=frequencies,
-        poisson_slopes=None if slopes is None else slopes[chance.permutation(len(every))],
+        poisson_slopes=None if slopes is None else slopes[chance.permutation(len(log_frequencies))],
     )

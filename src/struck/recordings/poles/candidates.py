@@ -25,9 +25,9 @@ from struck.recordings.segments import Segment
 
 _OVERLAP = 8
 _RISE = 8.0  # least power of a bin's first frames over the noise that is searched: 9 dB
-_GONE = 3.0  # power over noise down to which frames count
+_END_POWER = 3.0  # power over noise down to which frames count
 _FIRST = 6
-_FEWEST = 12
+_MIN_FRAMES = 12
 _WINDOW = 28
 _BATCH = 64
 _DIRECTIONS = 8
@@ -36,7 +36,7 @@ _COUNTS = np.array([24, 28, 32, 40, 48, 56, 64, 80, 96, 112, 128, 160, 192, 224,
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Resolution:
-    """Window of a transform and the poles that are looked for in its bins."""
+    """Window of a transform, and bounds of the poles in its bins."""
 
     window: int  # samples, a power of two
     fastest: float  # largest decay rate, 1/s
@@ -59,23 +59,23 @@ class Candidates:
             energies=np.concatenate([np.zeros(0), *(part.energies for part in parts)]),
         )
 
-    def distinct(self, resolved: float, share: float) -> Candidates:
-        """Return the strongest of poles closer than `resolved` Hz or a share of their widths."""
+    def distinct(self, resolution: float, width_factor: float) -> Candidates:
+        """Return the strongest of poles within `resolution` Hz or a fraction of their widths."""
         order = np.argsort(self.poles.imag)
         poles, energies = self.poles[order], self.energies[order]
         frequencies, widths = poles.imag / (2 * np.pi), -poles.real / (2 * np.pi)
-        reaches = np.maximum(resolved, share * (widths + widths.max(initial=0.0)))
+        reaches = np.maximum(resolution, width_factor * (widths + widths.max(initial=0.0)))
         firsts = np.searchsorted(frequencies, frequencies - reaches)
         lasts = np.searchsorted(frequencies, frequencies + reaches, "right")
-        open_ = np.ones(len(poles), bool)
-        kept = []
+        is_open = np.ones(len(poles), bool)
+        modes = []
         for mode in np.argsort(-energies):
-            if open_[mode]:
-                kept.append(mode)
-                near = slice(firsts[mode], lasts[mode])
-                reach = np.maximum(resolved, share * (widths[near] + widths[mode]))
-                open_[near] &= np.abs(frequencies[near] - frequencies[mode]) >= reach
-        return Candidates(poles=poles[kept], energies=energies[kept])
+            if is_open[mode]:
+                modes.append(mode)
+                neighbours = slice(firsts[mode], lasts[mode])
+                reach = np.maximum(resolution, width_factor * (widths[neighbours] + widths[mode]))
+                is_open[neighbours] &= np.abs(frequencies[neighbours] - frequencies[mode]) >= reach
+        return Candidates(poles=poles[modes], energies=energies[modes])
 
 
 def candidates(
@@ -84,11 +84,10 @@ def candidates(
     resolution: Resolution,
     per_band: int | None = None,
 ) -> Candidates:
-    """Search recordings less the modes found so far for further ones, by ESPRIT, in all segments.
+    """Search the residuals of all segments for further modes by ESPRIT.
 
-    Residuals are of shape (C, n); segments too short for the window give none.
-
-    `per_band` is how many bins are searched in each auditory band (ERB) at most, the loudest.
+    Residuals are of shape (C, n); segments too short for the window give none. `per_band` is the
+    largest number of bins that are searched in each auditory band (ERB), the loudest ones.
     """
     search = _Search(
         window=blackman_harris(resolution.window),
@@ -97,40 +96,42 @@ def candidates(
         resolution=resolution,
     )
     white = search.white(segments, left)
-    if white.shape[1] < _FEWEST:
+    if white.shape[1] < _MIN_FRAMES:
         return Candidates.joined([])
-    powers = np.max([each.real**2 + each.imag**2 for each in white], axis=0)
-    found = []
+    powers = np.max([spectra.real**2 + spectra.imag**2 for spectra in white], axis=0)
+    parts = []
     for count, bins in _counted(powers, search.spacing, search.sample_rate, per_band):
         for part in np.array_split(bins, -(-len(bins) // _BATCH)):
-            found += search.bins(white[:, :count, part].transpose(2, 0, 1), part)
-    return Candidates.joined(found).distinct(0.02 * search.spacing, share=0.1)
+            parts += search.bins(white[:, :count, part].transpose(2, 0, 1), part)
+    return Candidates.joined(parts).distinct(0.02 * search.spacing, width_factor=0.1)
 
 
 def _counted(
     powers: Array, spacing: float, sample_rate: float, per_band: int | None
 ) -> Iterator[tuple[int, Index]]:
     """Yield numbers of frames and the bins that stay over the noise for about that long."""
-    total = len(powers)
+    total_frames = len(powers)
     centres = np.arange(powers.shape[1]) * spacing
-    heard = (powers[:_FIRST].max(axis=0) > _RISE) & (centres > 30) & (centres < 0.47 * sample_rate)
-    bins = np.flatnonzero(heard)
+    is_loud = (
+        (powers[:_FIRST].max(axis=0) > _RISE) & (centres > 30) & (centres < 0.47 * sample_rate)
+    )
+    bins = np.flatnonzero(is_loud)
     if per_band is not None:
         bins = bins[loudest_per_band(powers[:, bins].sum(axis=0), centres[bins], per_band)]
-    alive = uniform_filter1d(powers[:, bins], 5, axis=0, mode="constant") > _GONE
-    last = np.where(alive.any(axis=0), total - np.argmax(alive[::-1], axis=0), 0)
-    counts = np.append(_COUNTS[total > _COUNTS], total)
-    wanted = counts[np.searchsorted(counts, np.minimum(last, total))]
-    for count in np.unique(wanted):
-        yield int(count), bins[wanted == count]
+    is_alive = uniform_filter1d(powers[:, bins], 5, axis=0, mode="constant") > _END_POWER
+    last = np.where(is_alive.any(axis=0), total_frames - np.argmax(is_alive[::-1], axis=0), 0)
+    counts = np.append(_COUNTS[total_frames > _COUNTS], total_frames)
+    frame_counts = counts[np.searchsorted(counts, np.minimum(last, total_frames))]
+    for count in np.unique(frame_counts):
+        yield int(count), bins[frame_counts == count]
 
 
-def loudest_per_band(energies: Array, frequencies: Array, most: int) -> Index:
+def loudest_per_band(energies: Array, frequencies: Array, max_count: int) -> Index:
     """Return which places (K,), ascending, have the most energy of their auditory band (ERB)."""
     bands = erb_number(frequencies).astype(int)
     order = np.lexsort((-energies, bands))
     firsts = np.searchsorted(bands[order], bands[order])
-    return np.sort(order[np.arange(len(order)) - firsts < most])
+    return np.sort(order[np.arange(len(order)) - firsts < max_count])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -147,16 +148,16 @@ class _Search:
 
     def white(self, segments: Sequence[Segment], left: Sequence[Array]) -> AnyComplex:
         """Return frames of the long segments (C, frames, bins), in units of the noise."""
-        counts = [(each.shape[1] - len(self.window)) // self.step + 1 for each in left]
-        most = min(max(counts), self.resolution.frames)
-        count = min(each for each in (*counts, most) if each >= most / 2)
+        counts = [(samples.shape[1] - len(self.window)) // self.step + 1 for samples in left]
+        max_count = min(max(counts), self.resolution.frames)
+        count = min(number for number in (*counts, max_count) if number >= max_count / 2)
         centres = np.arange(len(self.window) // 2) * self.spacing
         energy = (self.window**2).sum()
         parts = [
             frames(samples, self.window, self.step, count)
             / np.sqrt(segment.noise.at(centres) * energy)[:, None].astype(np.float32)
-            for segment, samples, here in zip(segments, left, counts, strict=True)
-            if here >= count
+            for segment, samples, segment_count in zip(segments, left, counts, strict=True)
+            if segment_count >= count
         ]
         return np.concatenate(parts)
 
@@ -165,21 +166,21 @@ class _Search:
         count = white.shape[2]
         length = min(count // 2, _WINDOW)
         whitening, back = _whitening(self.resolution.window, length)
-        strongest = _strongest_directions(white.astype(complex))
-        sliding = np.lib.stride_tricks.sliding_window_view(strongest, length, axis=2)
+        main_directions = _strongest_directions(white.astype(complex))
+        sliding = np.lib.stride_tricks.sliding_window_view(main_directions, length, axis=2)
         rows = sliding.reshape(len(bins), -1, length)
-        pieces = strongest.shape[1] * sliding.shape[2]
+        pieces = main_directions.shape[1] * sliding.shape[2]
         covariance = rows.swapaxes(1, 2) @ rows.conj() / pieces
         powers, vectors = np.linalg.eigh(whitening @ covariance @ whitening.conj().T)
         noise = 3 * (1 + np.sqrt(2 * length / pieces)) ** 2
         orders = np.minimum((powers > noise).sum(axis=1), self.resolution.orders)
-        found = []
+        parts = []
         for order in np.unique(orders[orders > 0]):
-            these = orders == order
-            signals = np.asarray(back @ vectors[these][:, :, -order:], complex)
+            has_order = orders == order
+            signals = np.asarray(back @ vectors[has_order][:, :, -order:], complex)
             ratios = _ratios(signals)
-            found.append(self._accepted(ratios, white[these], bins[these]))
-        return found
+            parts.append(self._accepted(ratios, white[has_order], bins[has_order]))
+        return parts
 
     def _accepted(self, ratios: AnyComplex, white: AnyComplex, bins: Index) -> Candidates:
         """Return the poles that lie in their own bin and do not merely cancel others."""
@@ -189,14 +190,16 @@ class _Search:
         times = np.arange(white.shape[2]) / rate
         waves = np.exp(times[:, None] * (-decays + 2j * np.pi * shifts)[:, None, :])
         amplitudes = _least_squares(waves, white.swapaxes(1, 2))
-        observed = np.abs(white).max(axis=(1, 2))[:, None]
-        good = np.abs(shifts) < 0.55 * self.spacing
-        good &= (decays < self.resolution.fastest) & (np.abs(amplitudes).max(axis=2) < 2 * observed)
+        peak_magnitudes = np.abs(white).max(axis=(1, 2))[:, None]
+        is_good = np.abs(shifts) < 0.55 * self.spacing
+        is_good &= (decays < self.resolution.fastest) & (
+            np.abs(amplitudes).max(axis=2) < 2 * peak_magnitudes
+        )
         energies = (np.abs(amplitudes) ** 2).sum(axis=2) * (np.abs(waves) ** 2).sum(axis=1)
         frequencies = (bins * self.spacing)[:, None] + shifts
         return Candidates(
-            poles=(-decays + 2j * np.pi * frequencies)[good],
-            energies=(2 * self.step / len(self.window) * energies)[good],
+            poles=(-decays + 2j * np.pi * frequencies)[is_good],
+            energies=(2 * self.step / len(self.window) * energies)[is_good],
         )
 
 
@@ -205,7 +208,7 @@ def _whitening(size: int, length: int) -> tuple[Array, Array]:
     """Return the matrix that makes noise in overlapping frames nearly white, and its inverse."""
     window, step = blackman_harris(size), size // _OVERLAP
     shifts = range(0, min(length * step, size), step)
-    lags = [(window[: size - each] * window[each:]).sum() / (window**2).sum() for each in shifts]
+    lags = [(window[: size - shift] * window[shift:]).sum() / (window**2).sum() for shift in shifts]
     correlation = np.pad(lags, (0, length - len(lags)))
     regular = toeplitz(correlation) + 5e-3 * np.eye(length)
     whitening = np.asarray(np.linalg.inv(np.linalg.cholesky(regular)), float)
@@ -222,19 +225,23 @@ def _strongest_directions(white: AnyComplex) -> AnyComplex:
 
 def _ratios(subspaces: AnyComplex) -> AnyComplex:
     """Return the eigenvalues of the shift by one frame within each subspace."""
-    before, after = subspaces[:, :-1], subspaces[:, 1:]
-    return np.linalg.eigvals(_least_squares(before, after))
+    earlier_vectors, later_vectors = subspaces[:, :-1], subspaces[:, 1:]
+    return np.linalg.eigvals(_least_squares(earlier_vectors, later_vectors))
 
 
 def _least_squares(matrices: AnyComplex, sides: AnyComplex) -> AnyComplex:
     adjoint = matrices.conj().swapaxes(1, 2)
-    normal = adjoint @ matrices
-    size = np.trace(normal, axis1=1, axis2=2).real[:, None, None]
-    return np.linalg.solve(normal + 1e-10 * size * np.eye(normal.shape[1]), adjoint @ sides)
+    normal_matrix = adjoint @ matrices
+    size = np.trace(normal_matrix, axis1=1, axis2=2).real[:, None, None]
+    return np.linalg.solve(
+        normal_matrix + 1e-10 * size * np.eye(normal_matrix.shape[1]), adjoint @ sides
+    )
 
 
 _LOW, _LONG = 1000.0, 0.3  # Hz and s that the search for broad modes covers
-_TAPS, _ORDER, _WEAKEST = 4, 24, 1e-7  # of its filter, over the decimation; poles; of the energy
+_TAPS = 4  # of its filter, over the decimation
+_ORDER = 24  # poles
+_MIN_POWER_RATIO = 1e-7  # of the largest eigenvalue of the covariance
 
 
 def broad(segments: Sequence[Segment], left: Sequence[Array]) -> Candidates:
@@ -246,61 +253,67 @@ def broad(segments: Sequence[Segment], left: Sequence[Array]) -> Candidates:
     """
     rate = segments[0].sample_rate
     factor = max(1, int(rate / (4 * _LOW)))
-    length = min(*(each.shape[1] for each in left), round(_LONG * rate))
+    length = min(*(residual.shape[1] for residual in left), round(_LONG * rate))
     taps = np.hanning(_TAPS * factor + 2)[1:-1]
-    densities = np.concatenate([each.noise.at([_LOW / 2]) for each in segments])
-    whole = np.concatenate([each[:, :length] for each in left]) / np.sqrt(densities)
-    low = fftconvolve(whole, taps[None, ::-1] / taps.sum(), "valid", axes=1)[:, ::factor]
+    densities = np.concatenate([segment.noise.at([_LOW / 2]) for segment in segments])
+    whitened_samples = np.concatenate([residual[:, :length] for residual in left]) / np.sqrt(
+        densities
+    )
+    low = fftconvolve(whitened_samples, taps[None, ::-1] / taps.sum(), "valid", axes=1)[:, ::factor]
     size = low.shape[1] // 2
-    if size < _FEWEST:
+    if size < _MIN_FRAMES:
         return Candidates.joined([])
     rows = np.lib.stride_tricks.sliding_window_view(low, size, axis=1).reshape(-1, size)
     powers, vectors = np.linalg.eigh(rows.T @ rows)
-    order = min(_ORDER, np.count_nonzero(powers > _WEAKEST * powers[-1]))
+    order = min(_ORDER, np.count_nonzero(powers > _MIN_POWER_RATIO * powers[-1]))
     ratios = _ratios(vectors[None, :, -order:].astype(complex))[0]
     poles = np.log(ratios) * rate / factor
     waves = np.exp(np.outer(np.arange(low.shape[1]) * factor / rate, poles))
     amplitudes = _least_squares(waves[None], low.T[None].astype(complex))[0]
-    passed = taps @ np.exp(np.outer(np.arange(len(taps)) / rate, poles)) / taps.sum()
-    energies = (np.abs(amplitudes) ** 2).sum(axis=1) / np.abs(passed) ** 2
+    filter_gains = taps @ np.exp(np.outer(np.arange(len(taps)) / rate, poles)) / taps.sum()
+    energies = (np.abs(amplitudes) ** 2).sum(axis=1) / np.abs(filter_gains) ** 2
     energies *= rate / np.maximum(-poles.real, 1e-3)
-    good = (poles.imag > 2 * np.pi * _LOWEST / 2) & (poles.imag < 2 * np.pi * _LOW)
-    good &= poles.real < 0
-    return Candidates(poles=poles[good], energies=energies[good])
+    is_good = (poles.imag > 2 * np.pi * _MIN_FREQUENCY / 2) & (poles.imag < 2 * np.pi * _LOW)
+    is_good &= poles.real < 0
+    return Candidates(poles=poles[is_good], energies=energies[is_good])
 
 
 # 1/s; between two of them a twelfth of the energy is lost at most
 DECAYS = (0.7, 2.0, 6.0, 18.0, 54.0, 160.0, 480.0)
 _BREADTH = 30.0  # Hz over which the residual is averaged
-_LOWEST, _HIGHEST = 30.0, 0.47  # frequencies, Hz and of the sample rate
+_MIN_FREQUENCY, _MAX_RATE_FRACTION = 30.0, 0.47  # frequencies, Hz and of the sample rate
 
 
-def matched(segments: Sequence[Segment], left: Sequence[Array], least: float) -> Candidates:
+def matched(segments: Sequence[Segment], left: Sequence[Array], min_energy: float) -> Candidates:
     """Search the residuals (C, n) of all segments for modes with at least this energy over noise.
 
-    Energies are summed over channels; where more than noise is left over a breadth of bins, they
-    count over that. Against white noise nothing detects a mode of known decay better than the
-    correlation with its exponential: one Fourier transform for each decay rate.
+    Energies are summed over channels; if the residual exceeds the noise over a breadth of bins,
+    they are relative to it. Against white noise nothing detects a mode of known decay better than
+    the correlation with its exponential: one Fourier transform for each decay rate.
     """
     rate = segments[0].sample_rate
     noises = [
         segment.noise.raised(samples, rate, _BREADTH)
         for segment, samples in zip(segments, left, strict=True)
     ]
-    found = []
+    parts = []
     for decay in DECAYS:
-        size = fft.next_fast_len(2 * max(_count(decay, each, rate) for each in left), real=True)
+        size = fft.next_fast_len(
+            2 * max(_count(decay, residual, rate) for residual in left), real=True
+        )
         frequencies = np.arange(size // 2 + 1) * (rate / size)
         energies = np.zeros(len(frequencies))
         for noise, samples in zip(noises, left, strict=True):
             energies += _energies(noise, samples, decay, frequencies)
-        peaks = _peaks(energies, least)
-        heard = (frequencies[peaks] > _LOWEST) & (frequencies[peaks] < _HIGHEST * rate)
-        peaks = peaks[heard & (decay < np.pi * frequencies[peaks])]
+        peaks = _peaks(energies, min_energy)
+        is_in_band = (frequencies[peaks] > _MIN_FREQUENCY) & (
+            frequencies[peaks] < _MAX_RATE_FRACTION * rate
+        )
+        peaks = peaks[is_in_band & (decay < np.pi * frequencies[peaks])]
         poles = -decay + 2j * np.pi * frequencies[peaks]
-        found.append(Candidates(poles=poles, energies=energies[peaks]))
-    longest = max(each.shape[1] for each in left)
-    return Candidates.joined(found).distinct(rate / longest, share=1.0)
+        parts.append(Candidates(poles=poles, energies=energies[peaks]))
+    longest = max(residual.shape[1] for residual in left)
+    return Candidates.joined(parts).distinct(rate / longest, width_factor=1.0)
 
 
 def _count(decay: float, samples: Array, sample_rate: float) -> int:
@@ -314,13 +327,15 @@ def _energies(
     size, rate = 2 * (len(frequencies) - 1), 2 * frequencies[-1]
     shape = np.exp(-decay / rate * np.arange(_count(decay, samples, rate)))
     floor = noise.at(frequencies) * (shape**2).sum()
-    total = np.zeros(len(frequencies))
+    energies = np.zeros(len(frequencies))
     for channel, density in zip(samples, floor, strict=True):
         transform = fft.rfft(channel[: len(shape)] * shape, size)
-        total += (transform.real**2 + transform.imag**2) / density
-    return total
+        energies += (transform.real**2 + transform.imag**2) / density
+    return energies
 
 
-def _peaks(values: Array, least: float) -> NDArray[np.int64]:
-    middle = values[1:-1]
-    return 1 + np.flatnonzero((middle > least) & (middle >= values[:-2]) & (middle > values[2:]))
+def _peaks(values: Array, threshold: float) -> NDArray[np.int64]:
+    inner_values = values[1:-1]
+    return 1 + np.flatnonzero(
+        (inner_values > threshold) & (inner_values >= values[:-2]) & (inner_values > values[2:])
+    )

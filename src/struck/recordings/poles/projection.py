@@ -71,30 +71,30 @@ class GroupBlocks(NamedTuple):
         return (groups, segments, *self, count), np.empty(size)
 
 
-_CANCELLED = 0.1  # share left from which no second turn is needed
-_DEPENDENT = 1e-14  # least independent share of a vector
-_LEAST = 1e-300  # least divisor
+_MIN_NORM_RATIO = 0.1  # share left from which no second turn is needed
+_MIN_INDEPENDENT_FRACTION = 1e-14  # least independent share of a vector
+_MIN_DIVISOR = 1e-300  # least divisor
 
 
 def orthonormalised(vectors: AnyComplex) -> tuple[AnyComplex, AnyComplex]:
     """Return the QR factors of vectors (M, K), never singular: basis (M, K) and triangle (M, M).
 
-    Gram and Schmidt's way; a vector that all but cancels takes a second turn, which is enough
+    By Gram and Schmidt; a vector that nearly cancels is orthogonalised twice, which is enough
     (Daniel, Gragg, Kaufman and Stewart 1976).
     """
     basis, triangle = vectors.copy(), np.zeros((len(vectors), len(vectors)), complex)
     for j in range(len(basis)):
         vector = basis[j]
-        whole = after = float(np.linalg.norm(vector))
+        full_norm = norm = float(np.linalg.norm(vector))
         for _ in range(2):
-            before = after
+            previous_norm = norm
             parts = basis[:j].conj() @ vector
             triangle[:j, j] += parts
             vector -= parts @ basis[:j]
-            after = float(np.linalg.norm(vector))
-            if after > _CANCELLED * before:
+            norm = float(np.linalg.norm(vector))
+            if norm > _MIN_NORM_RATIO * previous_norm:
                 break
-        triangle[j, j] = max(after, _DEPENDENT * whole, _LEAST)
+        triangle[j, j] = max(norm, _MIN_INDEPENDENT_FRACTION * full_norm, _MIN_DIVISOR)
         vector /= triangle[j, j].real
     return basis, triangle
 
@@ -113,10 +113,10 @@ def inverse_spreads(triangle: AnyComplex) -> Array:
 def solve_damped(matrix: AnyComplex, damping: float, sides: AnyComplex) -> AnyComplex:
     """Solve a Hermitian system with its diagonal raised by a share, by Cholesky's L L^H."""
     size = len(matrix)
-    factor, raised = np.zeros_like(matrix), matrix * (1 + damping * np.eye(size))
+    factor, damped_matrix = np.zeros_like(matrix), matrix * (1 + damping * np.eye(size))
     for j in range(size):
-        column = raised[j:, j] - factor[j:, :j] @ factor[j, :j].conj()
-        factor[j, j] = np.sqrt(max(column[0].real, _LEAST))
+        column = damped_matrix[j:, j] - factor[j:, :j] @ factor[j, :j].conj()
+        factor[j, j] = np.sqrt(max(column[0].real, _MIN_DIVISOR))
         factor[j + 1 :, j] = column[1:] / factor[j, j].real
     halfway = solve_triangular(factor, sides, lower=True, check_finite=False)
     return solve_triangular(factor, halfway, lower=True, trans=2, check_finite=False)
@@ -150,17 +150,17 @@ def slopes_of(lines: AnyComplex, sample_rate: float) -> AnyComplex:
 def project(
     blocks: GroupBlocks, group: int, data: Sequence[AnyComplex], poles: AnyComplex
 ) -> tuple[list[Projection], float]:
-    """Fit the lines of poles to a group's cleared data; return the residual over a bin's noise."""
-    found, cost = [], 0.0
-    for block, whole in zip(blocks.blocks(group), data, strict=True):
+    """Fit the lines of poles to a group's data; return the residual over a bin's noise."""
+    projections, cost = [], 0.0
+    for block, bins in zip(blocks.blocks(group), data, strict=True):
         lines = lines_of(poles, block.turns, blocks.sample_rate)
         basis, triangle = orthonormalised(lines)
-        along = basis.conj() @ whole.T
-        left = without(whole - along.T @ basis, basis)
-        residues = solve_triangular(triangle, along, check_finite=False)
-        found.append(Projection(lines, basis, triangle, residues, left))
+        coefficients = basis.conj() @ bins.T
+        left = without(bins - coefficients.T @ basis, basis)
+        residues = solve_triangular(triangle, coefficients, check_finite=False)
+        projections.append(Projection(lines, basis, triangle, residues, left))
         cost += float(block.weights @ (np.abs(left) ** 2).sum(axis=1))
-    return found, cost
+    return projections, cost
 
 
 _CHANCE = 3.0  # standard deviations of the mean energy that a bin of noise leaves
@@ -168,24 +168,28 @@ _CHANCE = 3.0  # standard deviations of the mean energy that a bin of noise leav
 
 def misfit(projections: Sequence[Projection], cost: float) -> float:
     """Return the residual of a bin and channel, noise being 1; 1 where chance may explain it."""
-    unknowns = sum(each.residues.size for each in projections) + len(projections[0].triangle)
-    values = max(sum(each.left.size for each in projections) - unknowns, 1)
+    unknowns = sum(projection.residues.size for projection in projections) + len(
+        projections[0].triangle
+    )
+    values = max(sum(projection.left.size for projection in projections) - unknowns, 1)
     left = cost / values
     return left if left > 1 + _CHANCE / np.sqrt(values) else 1.0
 
 
-def cleared(
+def subtract_others(
     blocks: GroupBlocks, group: int, poles: AnyComplex, gains: AnyComplex
 ) -> list[AnyComplex]:
-    """Return the data of a group (C, K) of each block, less all other modes.
+    """Return the data of a group (C, K) of each block, without all other modes.
 
-    Of its own modes, the spectra of the conjugate poles at positive frequencies are taken off.
+    The spectra of the conjugate poles at positive frequencies are subtracted for all modes.
     """
-    found, others = [], np.ones(len(poles), bool)
+    parts, others = [], np.ones(len(poles), bool)
     others[blocks.members[blocks.starts[group] : blocks.starts[group + 1]]] = False
     for block in blocks.blocks(group):
         residues = gains[block.rows] * span(poles, block.length)
-        direct = lines_of(poles[others], block.turns, blocks.sample_rate)
-        mirrored = lines_of(poles.conj(), block.turns, blocks.sample_rate)
-        found.append(block.data - residues[:, others] @ direct - residues.conj() @ mirrored)
-    return found
+        direct_lines = lines_of(poles[others], block.turns, blocks.sample_rate)
+        conjugate_lines = lines_of(poles.conj(), block.turns, blocks.sample_rate)
+        parts.append(
+            block.data - residues[:, others] @ direct_lines - residues.conj() @ conjugate_lines
+        )
+    return parts

@@ -1,8 +1,8 @@
 """Global fit: poles shared by all channels and hits, refined group by group.
 
-Levenberg-Marquardt with the complex gains eliminated (variable projection). Modes far apart hardly
-know of each other, so groups of overlapping modes take turns, each against the data without the
-present estimate of all others (Gauss-Seidel).
+Levenberg-Marquardt with the complex gains eliminated (variable projection). Modes far apart
+have little effect on each other, so groups of overlapping modes are refined in turn, each against
+the data without the present estimate of all others (Gauss-Seidel).
 """
 
 from __future__ import annotations
@@ -46,22 +46,22 @@ def blocks_around(
     """Return the bins around the modes of each group, in spectra of all segments."""
     members, starts = np.concatenate(groups), _running([len(group) for group in groups])
     owners = np.repeat(np.arange(len(groups)), np.diff(starts))
-    slowest = np.minimum.reduceat(-poles.real[members], starts[:-1])
-    middles = np.add.reduceat(poles.imag[members], starts[:-1]) / (2 * np.pi * np.diff(starts))
+    min_decays = np.minimum.reduceat(-poles.real[members], starts[:-1])
+    centres = np.add.reduceat(poles.imag[members], starts[:-1]) / (2 * np.pi * np.diff(starts))
     numbers = np.zeros((len(groups), len(segments)), np.int64)
     parts: list[_Part] = []
     weights: list[Array] = []
     first = 0
     for place, segment in enumerate(segments):
-        levels = segment.levels(slowest)
-        lengths = np.array([each.length for each in segment.spectra])
-        weights.append(1 / (segment.noise.at(middles) * lengths[levels]))
+        levels = segment.levels(min_decays)
+        lengths = np.array([spectrum.length for spectrum in segment.spectra])
+        weights.append(1 / (segment.noise.at(centres) * lengths[levels]))
         for level in np.unique(levels):
-            these = np.flatnonzero(levels == level)
-            part = _part(segment.spectra[level], poles, members, owners, these)
+            group_numbers = np.flatnonzero(levels == level)
+            part = _part(segment.spectra[level], poles, members, owners, group_numbers)
             parts.append(part if data else part._replace(data=part.data[:0]))
-            numbers[these, place] = first + np.arange(len(these))
-            first += len(these)
+            numbers[group_numbers, place] = first + np.arange(len(group_numbers))
+            first += len(group_numbers)
     counts = np.concatenate([part.counts for part in parts])
     channels = np.repeat([part.channels for part in parts], [len(part.counts) for part in parts])
     return GroupBlocks(
@@ -85,13 +85,13 @@ def _part(
     """Return the bins around the modes, members, of some groups, their owners."""
     numbers = np.full(owners[-1] + 1, -1)
     numbers[groups] = np.arange(len(groups))
-    here = numbers[owners] >= 0
-    poles, places = poles[members[here]], numbers[owners[here]]
-    middles = poles.imag / (2 * np.pi * spectrum.spacing)
+    is_member = numbers[owners] >= 0
+    poles, places = poles[members[is_member]], numbers[owners[is_member]]
+    centres = poles.imag / (2 * np.pi * spectrum.spacing)
     reach = np.maximum(_BINS, _WIDTHS * -poles.real / (2 * np.pi * spectrum.spacing))
     last = len(spectrum.values) - 2
-    low = np.clip(np.ceil(middles - reach), 1, last).astype(np.int64)
-    high = np.clip(np.floor(middles + reach), 1, last).astype(np.int64)
+    low = np.clip(np.ceil(centres - reach), 1, last).astype(np.int64)
+    high = np.clip(np.floor(centres + reach), 1, last).astype(np.int64)
     bins, counts = bins_around(low, high, places, len(groups))
     return _Part(
         counts=counts,
@@ -120,9 +120,9 @@ def _running(counts: Sequence[int] | Index) -> Index:
     return np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
 
 
-_COUPLED = 0.01  # squared correlation
-_MOST = 16  # modes of a group
-_FEW = 6  # modes of groups that are joined
+_MIN_CORRELATION = 0.01  # squared correlation
+_MAX_GROUP_SIZE = 16  # modes of a group
+_MAX_MERGED_SIZE = 6  # modes of groups that are joined
 
 
 def overlap(left: AnyComplex, right: AnyComplex, duration: float) -> Array:
@@ -130,8 +130,16 @@ def overlap(left: AnyComplex, right: AnyComplex, duration: float) -> Array:
 
     In a recording of this duration, s, even undamped modes overlap.
     """
-    one, other = np.maximum(-left.real, 2 / duration), np.maximum(-right.real, 2 / duration)
-    return 4 * one * other / ((one + other) ** 2 + (left.imag - right.imag) ** 2)
+    left_decays, right_decays = (
+        np.maximum(-left.real, 2 / duration),
+        np.maximum(-right.real, 2 / duration),
+    )
+    return (
+        4
+        * left_decays
+        * right_decays
+        / ((left_decays + right_decays) ** 2 + (left.imag - right.imag) ** 2)
+    )
 
 
 def overlaps(poles: AnyComplex, duration: float) -> Array:
@@ -139,37 +147,39 @@ def overlaps(poles: AnyComplex, duration: float) -> Array:
     return overlap(poles[:, None], poles, duration)
 
 
-def overlapping(poles: AnyComplex, duration: float, coupled: float = _COUPLED) -> list[Index]:
-    """Return groups of modes with squared correlations beyond `coupled`, by frequency.
+def overlapping(
+    poles: AnyComplex, duration: float, threshold: float = _MIN_CORRELATION
+) -> list[Index]:
+    """Return groups of modes with squared correlations beyond `threshold`, by frequency.
 
     The threshold rises until groups are small enough to be fitted at once.
     """
     if not poles.size:
         return []
-    labels = labelled(overlaps(poles, duration), coupled, _MOST)
+    labels = labelled(overlaps(poles, duration), threshold, _MAX_GROUP_SIZE)
     order = np.argsort(labels, kind="stable")
     sizes = np.bincount(labels)
     ends = np.cumsum(sizes).tolist()
     groups = [order[first:last] for first, last in pairwise([0, *ends])]
-    middles = np.bincount(labels, poles.imag) / sizes
-    ascending = [groups[label] for label in np.argsort(middles, kind="stable")]
+    centres = np.bincount(labels, poles.imag) / sizes
+    ascending = [groups[label] for label in np.argsort(centres, kind="stable")]
     return list(_merged(ascending, np.asarray(-poles.real, float)))
 
 
-def labelled(coupling: Array, threshold: float, most: int) -> Index:
+def labelled(coupling: Array, threshold: float, max_count: int) -> Index:
     """Return the group number of each mode: modes coupled (M, M) beyond a threshold share one.
 
-    Where more than `most` would belong together, their threshold is doubled.
+    If a group would have more than `max_count` modes, their threshold is doubled.
     """
     left, right = np.divmod(np.flatnonzero(coupling > threshold), len(coupling))
     strengths, thresholds = coupling[left, right], np.full(len(coupling), threshold)
     while True:
-        linked = strengths > thresholds[left]
-        labels = _connected(left[linked], right[linked], len(coupling))
-        crowded = np.bincount(labels)[labels] > most
-        if not crowded.any():
+        is_linked = strengths > thresholds[left]
+        labels = _connected(left[is_linked], right[is_linked], len(coupling))
+        is_in_large_group = np.bincount(labels)[labels] > max_count
+        if not is_in_large_group.any():
             return np.cumsum(labels == np.arange(len(labels)))[labels] - 1
-        thresholds[crowded] *= 2
+        thresholds[is_in_large_group] *= 2
 
 
 def _connected(left: Index, right: Index, count: int) -> Index:
@@ -177,39 +187,40 @@ def _connected(left: Index, right: Index, count: int) -> Index:
 
     With scipy's connected_components in its place a whole fit took 1.12 times as long.
     """
-    lowest = np.arange(count)
+    labels = np.arange(count)
     while True:
-        before = lowest.copy()
-        np.minimum.at(lowest, left, lowest[right])
-        lowest = lowest[lowest]
-        if np.array_equal(lowest, before):
-            return lowest
+        previous_labels = labels.copy()
+        np.minimum.at(labels, left, labels[right])
+        labels = labels[labels]
+        if np.array_equal(labels, previous_labels):
+            return labels
 
 
 def _merged(groups: list[Index], decays: Array) -> Iterator[Index]:
     """Yield groups, small neighbours of like decays joined: fewer and larger matrix products."""
     sizes = [len(group) for group in groups]
     starts = np.cumsum([0, *sizes[:-1]])
-    lowest = np.minimum.reduceat(decays[np.concatenate(groups)], starts).tolist()
-    highest = np.maximum.reduceat(decays[np.concatenate(groups)], starts).tolist()
-    first, low, high = 0, lowest[0], highest[0]
+    min_decays = np.minimum.reduceat(decays[np.concatenate(groups)], starts).tolist()
+    max_decays = np.maximum.reduceat(decays[np.concatenate(groups)], starts).tolist()
+    first, low, high = 0, min_decays[0], max_decays[0]
     for place in range(1, len(groups)):
-        low, high = min(low, lowest[place]), max(high, highest[place])
-        if sum(sizes[first : place + 1]) > _FEW or high >= 3 * low:
+        low, high = min(low, min_decays[place]), max(high, max_decays[place])
+        if sum(sizes[first : place + 1]) > _MAX_MERGED_SIZE or high >= 3 * low:
             yield np.concatenate(groups[first:place])
-            first, low, high = place, lowest[place], highest[place]
+            first, low, high = place, min_decays[place], max_decays[place]
     yield np.concatenate(groups[first:])
 
 
-_WITNESSES, _EVERY = 4, 4  # number of channels, and step between rows of samples, that are compared
-_WORSE = 1.05  # largest growth of the residual by one sweep
-_TOUCHING = 1e-3  # squared correlation from which a mode that moved calls its neighbour up again
+_WITNESSES = 4  # number of channels that are compared
+_ROW_STEP = 4  # step between rows of samples that are compared
+_MAX_GROWTH = 1.05  # largest growth of the residual by one sweep
+_MIN_OVERLAP = 1e-3  # squared correlation from which the neighbour of a changed mode is refined
 
 
 def refine(
     segments: Sequence[Segment], ringing: Exponentials, sweeps: int, steps: int = 2
 ) -> Exponentials:
-    """Move the poles to the least squares of all segments; 0 steps fit the gains alone.
+    """Refine the poles by least squares over all segments; 0 steps fit the gains alone.
 
     Each group gets a turn of some steps of Levenberg and Marquardt in every sweep.
     """
@@ -217,27 +228,31 @@ def refine(
     if not steps:
         return with_best_gains(segments, ringing)
     energy = residual_energy(segments, ringing)
-    unsettled = np.ones(ringing.count, bool)
+    is_unsettled = np.ones(ringing.count, bool)
     for _ in range(sweeps):
-        groups = [group for group in overlapping(ringing.poles, duration) if unsettled[group].any()]
+        groups = [
+            group for group in overlapping(ringing.poles, duration) if is_unsettled[group].any()
+        ]
         if not groups:
             break
-        moved = _swept(segments, ringing, groups, steps)
-        unsettled = _touched(ringing.poles, moved.poles, duration)
-        now = residual_energy(segments, moved)
-        if not now < _WORSE * energy:
-            moved = with_best_gains(segments, moved)
-            now = residual_energy(segments, moved)
-        if not now < _WORSE * energy:
+        candidate = _sweep(segments, ringing, groups, steps)
+        is_unsettled = _find_touched(ringing.poles, candidate.poles, duration)
+        new_energy = residual_energy(segments, candidate)
+        if not new_energy < _MAX_GROWTH * energy:
+            candidate = with_best_gains(segments, candidate)
+            new_energy = residual_energy(segments, candidate)
+        if not new_energy < _MAX_GROWTH * energy:
             break
-        ringing, energy = moved, now
+        ringing, energy = candidate, new_energy
     return ringing
 
 
-def _touched(before: AnyComplex, after: AnyComplex, duration: float) -> NDArray[np.bool_]:
+def _find_touched(
+    old_poles: AnyComplex, new_poles: AnyComplex, duration: float
+) -> NDArray[np.bool_]:
     """Return which modes moved, or overlap with one that did."""
-    changed = before != after
-    return changed | (overlaps(after, duration)[:, changed] > _TOUCHING).any(axis=1)
+    has_moved = old_poles != new_poles
+    return has_moved | (overlaps(new_poles, duration)[:, has_moved] > _MIN_OVERLAP).any(axis=1)
 
 
 def with_best_gains(
@@ -246,8 +261,11 @@ def with_best_gains(
     """Return a copy whose gains are the least squares of all samples; sums as in `best_gains`."""
     if not ringing.count:
         return ringing
-    known = zip_longest(segments, sums)
-    gains = [best_gains(ringing.poles, at.samples, at.sample_rate, own) for at, own in known]
+    pairs = zip_longest(segments, sums)
+    gains = [
+        best_gains(ringing.poles, segment.samples, segment.sample_rate, segment_sums)
+        for segment, segment_sums in pairs
+    ]
     return Exponentials(poles=ringing.poles, gains=np.vstack(gains))
 
 
@@ -255,19 +273,21 @@ def residual_energy(segments: Sequence[Segment], ringing: Exponentials) -> float
     """Return the residual over the noise in some channels and samples: enough to see growth."""
     energy = 0.0
     for segment in segments:
-        some = slice(None, None, -(-len(segment.samples) // _WITNESSES))
-        gains, heard = ringing.gains[segment.rows][some], segment.samples[some]
+        witnesses = slice(None, None, -(-len(segment.samples) // _WITNESSES))
+        gains, samples = ringing.gains[segment.rows][witnesses], segment.samples[witnesses]
         length = segment.samples.shape[1]
-        model = samples_in_rows(ringing.poles, gains, length, segment.sample_rate, _EVERY)
+        model = samples_in_rows(ringing.poles, gains, length, segment.sample_rate, _ROW_STEP)
         width = row_width(length)
-        whole = length // width
-        rows = heard[:, : whole * width].reshape(len(heard), whole, width)[:, ::_EVERY]
+        row_count = length // width
+        rows = samples[:, : row_count * width].reshape(len(samples), row_count, width)[
+            :, ::_ROW_STEP
+        ]
         left = ((rows - model[:, : rows.shape[1]]) ** 2).sum(axis=(1, 2))
-        energy += float(left @ (1 / segment.noise.densities[some].mean(axis=1)))
+        energy += float(left @ (1 / segment.noise.densities[witnesses].mean(axis=1)))
     return energy
 
 
-def _swept(
+def _sweep(
     segments: Sequence[Segment], ringing: Exponentials, groups: Sequence[Index], steps: int
 ) -> Exponentials:
     """Refine the poles of each group once, in turn."""
@@ -286,10 +306,12 @@ class Attempt(NamedTuple):
     misfit: float  # the same a bin and channel; 1 where chance may explain it
 
 
-def settled(blocks: GroupBlocks, ringing: Exponentials, start: AnyComplex, steps: int) -> Attempt:
+def refine_attempt(
+    blocks: GroupBlocks, ringing: Exponentials, start: AnyComplex, steps: int
+) -> Attempt:
     """Refine other start poles in the place of the only group of some blocks."""
     gains, places = np.ascontiguousarray(ringing.gains), np.array([0, len(start)])
-    moved, own, costs, misfits = take_turns(
+    new_poles, new_gains, costs, misfits = take_turns(
         blocks, np.ascontiguousarray(ringing.poles), gains, start, places, steps, keep=False
     )
-    return Attempt(poles=moved, gains=own, cost=float(costs[0]), misfit=float(misfits[0]))
+    return Attempt(poles=new_poles, gains=new_gains, cost=float(costs[0]), misfit=float(misfits[0]))

@@ -17,52 +17,52 @@ from struck.model.exponentials import Exponentials, samples
 from struck.model.provenance import Progress, silent
 from struck.recordings.corbett2007 import by_corbett2007
 from struck.recordings.disturbances import of_hum, without_hum
-from struck.recordings.gain_control import UNKNOWN, GainControl, gain_control
+from struck.recordings.gain_control import MAX_DECAY_ERROR, GainControl, gain_control
 from struck.recordings.onsets import Hit, find_hits, findings, hit_at
 from struck.recordings.poles.candidates import Candidates, Resolution, broad, candidates, matched
 from struck.recordings.poles.refinement import overlap, refine, with_best_gains
 from struck.recordings.poles.selection import (
-    LASTING,
-    LOWEST,
-    ambient,
-    crowd,
+    MIN_FREQUENCY,
+    SLOW_DECAY_RATIO,
+    add_significant,
+    drop_redundant,
     energies,
-    hidden,
+    find_ambient,
+    find_masked,
+    find_spurious,
+    find_unexplained_bands,
     prune,
-    raised,
     split,
-    standing_out,
     strongest_per_band,
-    weed,
 )
 from struck.recordings.poles.uncertainty import between_takes, significance, standard_errors
 from struck.recordings.poles.verdict import (
-    CROWDED,
+    MANY_MODES,
     MODAL_MARGIN,
     ModalVerdict,
-    constant,
-    crowding,
-    doubtful,
-    explained,
-    hopeless,
+    energy_before_hits,
+    find_blow_modes,
+    find_doubtful,
+    find_vague,
+    is_constant,
+    is_diverging,
+    is_hopeless,
+    is_proven,
     judge,
-    left_over,
-    of_blow,
-    of_other_objects,
-    proven,
-    unexplained,
-    vague,
+    notes_on_other_objects,
+    residual_energy,
+    signal_to_misfit,
 )
-from struck.recordings.segments import SHORTEST, Row, Segment, cut, joined
+from struck.recordings.segments import SHORTEST, Row, Segment, cut_takes, join_stretches
 from struck.recordings.takes import Take, left_out, require_one_rate, without_force
 
-_CLEAR = 40.0  # least energy of a measured mode over that of the noise in a bin
-_NAMED = 16  # tones
-CLEAR = 10 * np.log10(2 * _CLEAR)  # the same over the noise's energy in a sample, dB
+_MIN_ENERGY = 40.0  # least energy of a measured mode over that of the noise in a bin
+_MAX_TONES = 16  # tones
+CLEAR = 10 * np.log10(2 * _MIN_ENERGY)  # the same over the noise's energy in a sample, dB
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Fitted:
+class PoleFit:
     """Modes fitted to recordings.
 
     Parameters
@@ -73,25 +73,29 @@ class Fitted:
         Amplitude decay rates, 1/s.
     gains : array (rows, M), complex
         A row sounds as Im[g exp((-d + 2 pi i f) t)] from its time on, in the unit of the samples,
-        without what still rings of earlier hits.
-    frequency_errors, decay_errors : array (M,)
-        Standard errors, Hz and 1/s.
+        without the ringing of earlier hits.
+    frequency_errors : array (M,)
+        Standard errors of the frequencies, Hz.
+    decay_errors : array (M,)
+        Standard errors of the decays, 1/s.
     gain_errors : array (rows, M)
         Standard errors of the gains' sizes.
     rows : tuple of Row
-        What each row of gains belongs to, in order of takes, hits and channels.
+        Take, hit and channel of each row of gains, in this order.
     segments : tuple of Segment
-        What was fitted.
-    heard : Exponentials
-        All that rings in the segments: earlier hits and tones of the surroundings too.
+        Fitted parts of the takes.
+    exponentials : Exponentials
+        All modes in the segments, those of earlier hits and of the surroundings included.
     order : array (rows,)
-        Which row of `heard` each row is.
+        Row of the gains of `exponentials` that belongs to each row.
     verdict : ModalVerdict
         Whether it is the sound of a struck object.
-    blow, vague : array (M,), bool
-        Which modes stand for the blow instead of the object, and which are known to 30 % at best.
+    blow : array (M,), bool
+        Modes of the blow, not of the object.
+    vague : array (M,), bool
+        Modes whose frequency or decay is known to 30 % at best.
     notes : tuple of str
-        What a person should know: what is wrong with the takes, and what was left out.
+        Faults of the takes, and a list of omitted modes.
     controls : tuple of GainControl or None
         Automatic gain of each take, which was undone.
     """
@@ -105,7 +109,7 @@ class Fitted:
     gain_errors: Array
     rows: tuple[Row, ...]
     segments: tuple[Segment, ...]
-    heard: Exponentials
+    exponentials: Exponentials
     order: Index
     verdict: ModalVerdict
     blow: Mask
@@ -113,7 +117,7 @@ class Fitted:
     notes: tuple[str, ...] = ()
     controls: tuple[GainControl | None, ...] = ()
 
-    def of(self, modes: Index | Mask) -> Fitted:
+    def of(self, modes: Index | Mask) -> PoleFit:
         """Return the modes of these numbers (M,), in this order, or where a mask (M,) is true."""
         names = ("frequencies", "decays", "frequency_errors", "decay_errors", "blow", "vague")
         return replace(
@@ -123,8 +127,8 @@ class Fitted:
             gain_errors=self.gain_errors[:, modes],
         )
 
-    def heard_in(self, row: int) -> tuple[Array, Array]:
-        """Return samples (n,) of one row from its time on: as recorded, and as fitted."""
+    def samples_and_model(self, row: int) -> tuple[Array, Array]:
+        """Return the recorded and the fitted samples (n,) of one row from its time on."""
         segment, channel = self._segment(row)
         original = segment.samples[channel]
         return original, self.ringing(row, self.rows[row].time, len(original))
@@ -132,7 +136,7 @@ class Fitted:
     def ringing(self, row: int, time: float, length: int) -> Array:
         """Return `length` fitted samples of a row (n,) from a time, s, on; before its onset too."""
         segment, _ = self._segment(row)
-        poles, gains = self.heard.poles, self.heard.gains[self.order[row]]
+        poles, gains = self.exponentials.poles, self.exponentials.gains[self.order[row]]
         shifted = gains * np.exp(poles * (time - self.rows[row].time))
         return samples(poles, shifted[None], length, segment.sample_rate)[0]
 
@@ -148,95 +152,113 @@ class Fitted:
         return segment, place - segment.rows.start
 
 
-def fitted_of(
+def make_pole_fit(
     segments: list[Segment],
     rows: list[Row],
-    heard: Exponentials,
+    exponentials: Exponentials,
     verdict: ModalVerdict,
     notes: list[str],
     *,
     hum: Array,
     measured: bool = False,
-) -> Fitted:
+) -> PoleFit:
     """Return a fit with its errors, without tones of the surroundings and earlier hits.
 
-    Where modes are to be `measured`, weak ones are left out, too.
+    If modes are to be `measured`, weak ones are left out, too.
     """
-    surrounding = ambient(segments, heard) | of_hum(hum, heard)
-    errors = standard_errors(segments, heard)
-    weak = _weak(segments, heard) & ~surrounding if measured else np.zeros_like(surrounding)
-    lines = np.unique(np.concatenate((heard.frequencies[surrounding], hum[:, 0])).round(1))
-    if lines.size:
-        tones = ", ".join(f"{each:.1f}" for each in lines[:_NAMED])
-        notes = [*notes, f"tones of the surroundings, left out of the model: {tones} Hz"]
-    if weak.any():
-        lost = ", ".join(f"{each:.1f}" for each in heard.frequencies[weak])
-        notes = [*notes, f"too weak to be measured, left out of the model: {lost} Hz"]
-    blow = of_blow(segments, heard, released=measured)
-    # What was to be measured is the object alone.
-    kept = ~(surrounding | weak | (blow & measured))
-    endless = np.count_nonzero((errors.decays > heard.decays) & kept & ~blow)
-    if endless:
-        count = counted(endless, "mode")
-        notes = [*notes, f"{count} ringing for longer than the takes can tell: record longer"]
-    own = heard.of(kept)
-    apart = between_takes(segments, np.array([row.take for row in rows]), heard)
-    notes = [*notes, *_differing(apart[0][kept & ~blow & (apart[0] > errors.frequencies)])]
-    notes = [*notes, *of_other_objects(rows, own)]
-    order = np.array(sorted(range(len(rows)), key=lambda row: (rows[row].take, rows[row].hit, row)))
-    ordered = [rows[row] for row in order]
-    known = (
-        np.hypot(errors.frequencies, apart[0])[kept],
-        np.hypot(errors.decays, apart[1])[kept],
+    is_ambient = find_ambient(segments, exponentials) | of_hum(hum, exponentials)
+    errors = standard_errors(segments, exponentials)
+    is_weak = (
+        _find_weak(segments, exponentials) & ~is_ambient if measured else np.zeros_like(is_ambient)
     )
-    return Fitted(
-        frequencies=own.frequencies,
-        decays=own.decays,
-        gains=_without_earlier(own.gains[order], own.poles, ordered),
-        frequency_errors=known[0],
-        decay_errors=known[1],
-        gain_errors=errors.gains[order][:, kept],
-        rows=tuple(ordered),
+    lines = np.unique(np.concatenate((exponentials.frequencies[is_ambient], hum[:, 0])).round(1))
+    if lines.size:
+        tones = ", ".join(f"{frequency:.1f}" for frequency in lines[:_MAX_TONES])
+        notes = [*notes, f"tones of the surroundings, left out of the model: {tones} Hz"]
+    if is_weak.any():
+        weak_tones = ", ".join(
+            f"{frequency:.1f}" for frequency in exponentials.frequencies[is_weak]
+        )
+        notes = [*notes, f"too weak to be measured, left out of the model: {weak_tones} Hz"]
+    is_of_blow = find_blow_modes(segments, exponentials, is_released=measured)
+    # A measurement is of the object alone.
+    is_object_mode = ~(is_ambient | is_weak | (is_of_blow & measured))
+    endless_count = np.count_nonzero(
+        (errors.decays > exponentials.decays) & is_object_mode & ~is_of_blow
+    )
+    if endless_count:
+        count = counted(endless_count, "mode")
+        notes = [
+            *notes,
+            f"{count} ringing for too long to be measured in these takes: record longer",
+        ]
+    object_modes = exponentials.of(is_object_mode)
+    take_deviations = between_takes(segments, np.array([row.take for row in rows]), exponentials)
+    notes = [
+        *notes,
+        *_differing(
+            take_deviations[0][
+                is_object_mode & ~is_of_blow & (take_deviations[0] > errors.frequencies)
+            ]
+        ),
+    ]
+    notes = [*notes, *notes_on_other_objects(rows, object_modes)]
+    order = np.array(sorted(range(len(rows)), key=lambda row: (rows[row].take, rows[row].hit, row)))
+    sorted_rows = [rows[row] for row in order]
+    pole_errors = (
+        np.hypot(errors.frequencies, take_deviations[0])[is_object_mode],
+        np.hypot(errors.decays, take_deviations[1])[is_object_mode],
+    )
+    return PoleFit(
+        frequencies=object_modes.frequencies,
+        decays=object_modes.decays,
+        gains=_subtract_earlier(object_modes.gains[order], object_modes.poles, sorted_rows),
+        frequency_errors=pole_errors[0],
+        decay_errors=pole_errors[1],
+        gain_errors=errors.gains[order][:, is_object_mode],
+        rows=tuple(sorted_rows),
         segments=tuple(segments),
-        heard=heard,
+        exponentials=exponentials,
         order=order,
         verdict=verdict,
-        blow=blow[kept],
-        vague=vague(segments, own.frequencies, own.decays, known),
+        blow=is_of_blow[is_object_mode],
+        vague=find_vague(segments, object_modes.frequencies, object_modes.decays, pole_errors),
         notes=tuple(notes),
     )
 
 
-def _differing(apart: Array) -> Iterator[str]:
-    """Yield that frequencies of modes differ from take to take, by so much (K,), Hz."""
-    if apart.size:
+def _differing(deviations: Array) -> Iterator[str]:
+    """Yield a note that frequencies of modes differ from take to take, by deviations (K,), Hz."""
+    if deviations.size:
         yield (
-            f"the frequency of {counted(len(apart), 'mode')} differs from take to take by "
-            f"{rounded(np.median(apart), 2)} Hz in the median, more than noise explains: errors "
-            "hold that; was the object held or supported alike?"
+            f"the frequency of {counted(len(deviations), 'mode')} differs from take to take by "
+            f"{rounded(np.median(deviations), 2)} Hz in the median, more than noise explains, "
+            "which is part of the errors; was the object held or supported in the same way?"
         )
 
 
-def _weak(segments: list[Segment], heard: Exponentials) -> Mask:
+def _find_weak(segments: list[Segment], exponentials: Exponentials) -> Mask:
     """Return which modes are too weak to be measured.
 
     At an energy E over noise a decay rate is known to sqrt(2 / E) of itself at best: 22 %. Whether
-    it is one mode or two nobody can tell.
+    it is one mode or two cannot be decided.
     """
-    alone, share = energies(segments, heard)
-    return alone < _CLEAR * share
+    unique_energies, fractions = energies(segments, exponentials)
+    return unique_energies < _MIN_ENERGY * fractions
 
 
-def _without_earlier(gains: AnyComplex, poles: AnyComplex, rows: list[Row]) -> AnyComplex:
+def _subtract_earlier(gains: AnyComplex, poles: AnyComplex, rows: list[Row]) -> AnyComplex:
     """Subtract from each hit's gains the ringing that is left of the hit before."""
-    own = gains.copy()
+    gain_differences = gains.copy()
     last: dict[tuple[int, int], int] = {}
-    for row, what in enumerate(rows):
-        earlier = last.get((what.take, what.channel))
-        if earlier is not None:
-            own[row] -= gains[earlier] * np.exp(poles * (what.time - rows[earlier].time))
-        last[what.take, what.channel] = row
-    return own
+    for row, entry in enumerate(rows):
+        earlier_row = last.get((entry.take, entry.channel))
+        if earlier_row is not None:
+            gain_differences[row] -= gains[earlier_row] * np.exp(
+                poles * (entry.time - rows[earlier_row].time)
+            )
+        last[entry.take, entry.channel] = row
+    return gain_differences
 
 
 _SAME_PEAK = 1e-3  # of the peak
@@ -244,39 +266,39 @@ _NUMBER = re.compile(r"-?\d+(\.\d+)?")
 
 
 def notes_on(takes: Sequence[Take], hits: Sequence[Sequence[Hit]]) -> Iterator[str]:
-    """Yield findings on takes; of alike ones the first, and how many more takes share it.
+    """Yield findings on takes: the first of each kind, and the number of other takes with the same.
 
-    Files are named without their folders, which are nobody's business.
+    Files are named without their folders, which are private.
     """
-    alike: dict[str, list[str]] = {}
-    for take, own in zip(takes, hits, strict=True):
-        for note in findings(take, own):
+    notes_by_kind: dict[str, list[str]] = {}
+    for take, take_hits in zip(takes, hits, strict=True):
+        for note in findings(take, take_hits):
             kind = _NUMBER.sub("#", note.replace(take.name, ""))
-            alike.setdefault(kind, []).append(note.replace(take.name, Path(take.name).name))
+            notes_by_kind.setdefault(kind, []).append(note.replace(take.name, Path(take.name).name))
     yield from _normalised(takes, hits)
-    for notes in alike.values():
-        more = len(notes) - 1
-        yield f"{notes[0]}; so {counted(more, 'more take')}" if more else notes[0]
+    for notes in notes_by_kind.values():
+        count = len(notes) - 1
+        yield f"{notes[0]}; so {counted(count, 'more take')}" if count else notes[0]
 
 
 def _normalised(takes: Sequence[Take], hits: Sequence[Sequence[Hit]]) -> Iterator[str]:
     """Yield that hits have one and the same peak, as no person strikes."""
     parts = [
         part
-        for take, own in zip(takes, hits, strict=True)
-        for part in np.split(take.samples, [hit.onset for hit in own[1:]], axis=1)
+        for take, take_hits in zip(takes, hits, strict=True)
+        for part in np.split(take.samples, [hit.onset for hit in take_hits[1:]], axis=1)
     ]
     peaks = np.array([np.abs(part).max(initial=0.0) for part in parts])
     if len(peaks) > 2 and np.ptp(peaks) < _SAME_PEAK * peaks.max():
         yield (
             f"all {len(peaks)} hits have the peak {20 * np.log10(peaks.max()):.1f} dB: they were "
-            "normalised one by one, and how loud each contact is cannot be told; use them as they "
-            "were recorded"
+            "normalised one by one, and the levels of the contacts are lost; use the recordings "
+            "before normalisation"
         )
 
 
 def _unlike(takes: Sequence[Take], verdict: ModalVerdict) -> Iterator[str]:
-    """Yield which takes the modes of all do not explain, although they do as a whole."""
+    """Yield notes on takes that the modes do not explain, although they explain all together."""
     for take, ratio in zip(takes, verdict.takes, strict=True):
         if verdict.modal and ratio < MODAL_MARGIN:
             yield (
@@ -285,11 +307,11 @@ def _unlike(takes: Sequence[Take], verdict: ModalVerdict) -> Iterator[str]:
             )
 
 
-Kept = Callable[[str, Callable[[], Exponentials]], Exponentials]
-Look = Callable[[Sequence[Array]], Candidates]
+StageRunner = Callable[[str, Callable[[], Exponentials]], Exponentials]
+SearchPass = Callable[[Sequence[Array]], Candidates]
 
-# Window, s; fastest decay, 1/s; frames; poles of a bin. The first twice: the second look finds
-# what stood under the strongest modes, before shorter windows could take it for something else.
+# Window, s; fastest decay, 1/s; frames; poles of a bin. The first twice: the second pass finds
+# modes under the strongest ones, before shorter windows could mistake them.
 _WINDOWS = (
     (0.186, 15.0, 300, 20),
     (0.186, 15.0, 300, 20),
@@ -298,17 +320,18 @@ _WINDOWS = (
 )
 _ROUNDS = 4
 _BINS = 12  # that are searched in an auditory band under a budget
-_LIKELY = 1e-6  # chance that noise makes a candidate
-_SPARE = 1.6  # of the budget until modes are refined
+_CANDIDATE_CHANCE = 1e-6  # chance that noise makes a candidate
+_SPARE_RATIO = 1.6  # of the budget until modes are refined
 _STEP = 0.85  # of the modes stay in a round of pruning
-_FAINT, _SURROUNDINGS = 10 ** (-35 / 20), 40.0  # of the amplitude within so many Hz
-_BEATING = 15.0  # 1/s
-_FADED = 2.0  # nepers that a crowd fades by until what it hid is looked for
-_SOON, _SHORT = 0.02, 0.08  # s at least, and share of the takes at most, that this lasts
-_ALIKE = 0.5  # least squared correlation of one mode that is found twice
+_FAINT_RATIO, _SURROUNDINGS = 10 ** (-35 / 20), 40.0  # of the amplitude, within this distance in Hz
+_MAX_BEATING_DECAY = 15.0  # 1/s
+_FADING_DEPTH = 2.0  # nepers by which spurious modes fade before the search for masked modes
+_MIN_DELAY = 0.02  # s, least delay of the second search
+_MAX_DELAY_FRACTION = 0.08  # largest fraction of the shortest segment that the delay takes
+_MIN_CORRELATION = 0.5  # least squared correlation of one mode that is detected twice
 
 
-def computed(_name: str, compute: Callable[[], Exponentials]) -> Exponentials:
+def run_uncached(_name: str, compute: Callable[[], Exponentials]) -> Exponentials:
     """Return the result of a stage without keeping it."""
     return compute()
 
@@ -318,141 +341,198 @@ def search(
     *,
     budget: int | None = None,
     progress: Progress = silent,
-    kept: Kept = computed,
+    run_stage: StageRunner = run_uncached,
 ) -> Exponentials:
     """Find the modes of all segments together, by frequency.
 
-    With a budget, those that explain most; else all that stand out from noise and from what the
-    model cannot explain. `kept` is given the name of a stage and its computation, and returns its
-    result.
+    With a budget, those that explain most; else all that stand out of noise and the residual.
+    `run_stage` takes the name of a stage and its computation, and returns its result.
     """
     ringing = Exponentials.silence(sum(len(segment.samples) for segment in segments))
-    looks = list(_looks(segments, budget))
-    for number, look in enumerate(looks):
-        progress("looking for modes", number / len(looks))
-        before = ringing
-        ringing = kept(f"look {number}", partial(_looked, segments, before, look, budget))
-        if not budget and crowding(segments, before, ringing):
-            ringing = before
+    passes = list(_make_passes(segments, budget))
+    for number, search_pass in enumerate(passes):
+        progress("looking for modes", number / len(passes))
+        previous_modes = ringing
+        ringing = run_stage(
+            f"look {number}", partial(_run_pass, segments, previous_modes, search_pass, budget)
+        )
+        if not budget and is_diverging(segments, previous_modes, ringing):
+            ringing = previous_modes
             break
-        if number > len(_WINDOWS) and np.array_equal(before.poles, ringing.poles):
+        if number > len(_WINDOWS) and np.array_equal(previous_modes.poles, ringing.poles):
             break
-        if (not budget or number + 1 == len(_WINDOWS)) and hopeless(segments, ringing, budget):
-            return _proven(segments, _within(segments, ringing, budget), budget)
+        if (not budget or number + 1 == len(_WINDOWS)) and is_hopeless(segments, ringing, budget):
+            return _keep_significant(segments, _reduce_to_budget(segments, ringing, budget), budget)
     progress("refining the modes", 0.0)
-    ringing = kept("pairs", lambda: _paired(segments, refine(segments, ringing, sweeps=2), budget))
+    ringing = run_stage(
+        "pairs", lambda: _split_pairs(segments, refine(segments, ringing, sweeps=2), budget)
+    )
     progress("refining the modes", 0.4)
-    few = partial(_within, segments, ringing, budget)
-    ringing = kept("budget", lambda: refine(segments, few(), sweeps=4, steps=4))
+    select_modes = partial(_reduce_to_budget, segments, ringing, budget)
+    ringing = run_stage("budget", lambda: refine(segments, select_modes(), sweeps=4, steps=4))
     progress("refining the modes", 0.8)
-    ringing = _proven(segments, ringing, budget)
-    return _once_more(segments, ringing, looks[-1], budget) if budget else ringing
+    ringing = _keep_significant(segments, ringing, budget)
+    return _search_again(segments, ringing, passes[-1], budget) if budget else ringing
 
 
-def _once_more(
-    segments: Sequence[Segment], ringing: Exponentials, look: Look, budget: int
+def _search_again(
+    segments: Sequence[Segment], ringing: Exponentials, search_pass: SearchPass, budget: int
 ) -> Exponentials:
     """Search for modes once more in the residual, which may replace modes that were dropped."""
-    more = _within(segments, _looked(segments, ringing, look, budget), budget)
-    again = _proven(segments, refine(segments, more, sweeps=4, steps=4), budget)
-    return min(ringing, again, key=partial(left_over, segments))
+    candidate = _reduce_to_budget(
+        segments, _run_pass(segments, ringing, search_pass, budget), budget
+    )
+    refined_modes = _keep_significant(
+        segments, refine(segments, candidate, sweeps=4, steps=4), budget
+    )
+    return min(ringing, refined_modes, key=partial(residual_energy, segments))
 
 
-def _looked(
-    segments: Sequence[Segment], ringing: Exponentials, look: Look, budget: int | None
+def _run_pass(
+    segments: Sequence[Segment], ringing: Exponentials, search_pass: SearchPass, budget: int | None
 ) -> Exponentials:
     """Search the residual for modes once, and fit them together with the known ones."""
     left = [segment.residual(ringing) for segment in segments]
     if not budget:
-        more = standing_out(segments, ringing, look(left))
-        return _settled(segments, more, None) if more.count > ringing.count else ringing
-    spare = round(_SPARE * budget)
-    found = strongest_per_band(segments, look(left), spare)
-    return _settled(segments, ringing.joined(found.poles), spare) if found.poles.size else ringing
+        extended_modes = add_significant(segments, ringing, search_pass(left))
+        return (
+            _refit_all(segments, extended_modes, None)
+            if extended_modes.count > ringing.count
+            else ringing
+        )
+    spare_count = round(_SPARE_RATIO * budget)
+    new_candidates = strongest_per_band(segments, search_pass(left), spare_count)
+    return (
+        _refit_all(segments, ringing.joined(new_candidates.poles), spare_count)
+        if new_candidates.poles.size
+        else ringing
+    )
 
 
-def _proven(segments: Sequence[Segment], ringing: Exponentials, budget: int | None) -> Exponentials:
+def _keep_significant(
+    segments: Sequence[Segment], ringing: Exponentials, budget: int | None
+) -> Exponentials:
     """Keep the modes that stand out, with the best gains of all at once.
 
-    Where many are a crowd, they go and the others stay as they are: refitted to it they would move.
+    If many are spurious, they are dropped and the others are not refitted: they would change.
     """
-    if not budget and 3 * np.count_nonzero(false := crowd(segments, ringing)) > ringing.count:
-        return _outlasting(segments, ringing, false)
-    noisy = segments if budget else _noisier(segments, ringing)
-    proven = weed(noisy, prune(noisy, ringing))
-    if proven.count < ringing.count:
-        proven = weed(noisy, refine(segments, proven, sweeps=2, steps=4))
-    proven = with_best_gains(segments, proven.of(proven.frequencies > LOWEST)).by_frequency()
-    if not budget and (false := crowd(segments, proven)).any():
-        return with_best_gains(segments, proven.of(~false))
-    return proven
+    if (
+        not budget
+        and 3 * np.count_nonzero(is_spurious := find_spurious(segments, ringing)) > ringing.count
+    ):
+        return _search_after_fading(segments, ringing, is_spurious)
+    noisy_segments = segments if budget else _raise_noise(segments, ringing)
+    significant_modes = drop_redundant(noisy_segments, prune(noisy_segments, ringing))
+    if significant_modes.count < ringing.count:
+        significant_modes = drop_redundant(
+            noisy_segments, refine(segments, significant_modes, sweeps=2, steps=4)
+        )
+    significant_modes = with_best_gains(
+        segments, significant_modes.of(significant_modes.frequencies > MIN_FREQUENCY)
+    ).by_frequency()
+    if not budget and (is_spurious := find_spurious(segments, significant_modes)).any():
+        return with_best_gains(segments, significant_modes.of(~is_spurious))
+    return significant_modes
 
 
-def _outlasting(segments: Sequence[Segment], ringing: Exponentials, false: Mask) -> Exponentials:
-    """Drop a crowd of modes, and search again from when it has faded, where it soon does.
+def _search_after_fading(
+    segments: Sequence[Segment], ringing: Exponentials, is_spurious: Mask
+) -> Exponentials:
+    """Drop spurious modes, and search again from when they have faded, if that is soon.
 
-    The poles found there take the place of like ones, and what skirts of louder modes hide goes.
+    Poles of the second search replace similar ones; modes masked by louder ones are dropped.
     """
-    decay = float(np.median(ringing.decays[false]))
-    own = ringing.of(~false & (ringing.frequencies > LOWEST))
-    soon = _SOON < (wait := _FADED / decay) < _SHORT * min(each.duration for each in segments)
-    if not soon or ringing.count > CROWDED or explained(segments, ringing) < MODAL_MARGIN:
-        return with_best_gains(segments, own).by_frequency()
-    late = search([each.later(wait) for each in segments])
-    other = overlap(own.poles[:, None], late.poles, np.inf).max(axis=1, initial=0.0) < _ALIKE
-    own = with_best_gains(segments, late.joined(own.poles[other]))
-    answers = hidden(own, own.decays < LASTING * decay, 1.0) & raised(segments, own)
-    return with_best_gains(segments, own.of(~answers)).by_frequency()
+    decay = float(np.median(ringing.decays[is_spurious]))
+    remaining_modes = ringing.of(~is_spurious & (ringing.frequencies > MIN_FREQUENCY))
+    is_soon = (
+        _MIN_DELAY
+        < (delay := _FADING_DEPTH / decay)
+        < _MAX_DELAY_FRACTION * min(segment.duration for segment in segments)
+    )
+    if (
+        not is_soon
+        or ringing.count > MANY_MODES
+        or signal_to_misfit(segments, ringing) < MODAL_MARGIN
+    ):
+        return with_best_gains(segments, remaining_modes).by_frequency()
+    late_modes = search([segment.later(delay) for segment in segments])
+    is_unmatched = (
+        overlap(remaining_modes.poles[:, None], late_modes.poles, np.inf).max(axis=1, initial=0.0)
+        < _MIN_CORRELATION
+    )
+    remaining_modes = with_best_gains(
+        segments, late_modes.joined(remaining_modes.poles[is_unmatched])
+    )
+    is_masked = find_masked(
+        remaining_modes, remaining_modes.decays < SLOW_DECAY_RATIO * decay, 1.0
+    ) & find_unexplained_bands(segments, remaining_modes)
+    return with_best_gains(segments, remaining_modes.of(~is_masked)).by_frequency()
 
 
-def _looks(segments: Sequence[Segment], budget: int | None) -> Iterator[Look]:
+def _make_passes(segments: Sequence[Segment], budget: int | None) -> Iterator[SearchPass]:
     """Yield the search passes, one after the other."""
     longest = max(segment.samples.shape[1] for segment in segments)
     # A budget ignores faint modes: noise is raised to a level far below each band's sound.
-    loud = [each.noisier(_FAINT * each.samples, _SURROUNDINGS) for each in segments if budget]
-    loud = loud or segments
+    noisy_segments = [
+        segment.noisier(_FAINT_RATIO * segment.samples, _SURROUNDINGS)
+        for segment in segments
+        if budget
+    ]
+    noisy_segments = noisy_segments or segments
     for window, fastest, frames, orders in _WINDOWS:
         size = 2 ** round(np.log2(min(window * segments[0].sample_rate, longest / 4)))
         resolution = Resolution(window=size, fastest=fastest, frames=frames, orders=orders)
-        yield partial(candidates, loud, resolution=resolution, per_band=_BINS if budget else None)
-    yield partial(broad, loud)
+        yield partial(
+            candidates, noisy_segments, resolution=resolution, per_band=_BINS if budget else None
+        )
+    yield partial(broad, noisy_segments)
     channels = sum(len(segment.samples) for segment in segments)
     for _ in range(1 if budget else _ROUNDS):
-        yield partial(matched, loud, least=significance(channels, _LIKELY))
+        yield partial(matched, noisy_segments, min_energy=significance(channels, _CANDIDATE_CHANCE))
 
 
-def _settled(segments: Sequence[Segment], ringing: Exponentials, most: int | None) -> Exponentials:
+def _refit_all(
+    segments: Sequence[Segment], ringing: Exponentials, max_count: int | None
+) -> Exponentials:
     """Fit old and new modes together and drop modes that explain no energy."""
     ringing = refine(segments, ringing, sweeps=1, steps=0)
-    if most is not None:
-        ringing = prune(segments, ringing, budget=most)
+    if max_count is not None:
+        ringing = prune(segments, ringing, budget=max_count)
     ringing = refine(segments, ringing, sweeps=2)
-    ringing = prune(_noisier(segments, ringing), ringing, budget=most)
+    ringing = prune(_raise_noise(segments, ringing), ringing, budget=max_count)
     return refine(segments, ringing, sweeps=1)
 
 
-def _paired(segments: Sequence[Segment], ringing: Exponentials, budget: int | None) -> Exponentials:
+def _split_pairs(
+    segments: Sequence[Segment], ringing: Exponentials, budget: int | None
+) -> Exponentials:
     """Split modes into close pairs, twice; under a budget once, and into slowly beating pairs."""
     for _ in range(1 if budget else 2):
-        more = split(segments, ringing, fastest=_BEATING if budget else np.inf)
-        if more.count == ringing.count:
+        extended_modes = split(
+            segments, ringing, max_decay=_MAX_BEATING_DECAY if budget else np.inf
+        )
+        if extended_modes.count == ringing.count:
             break
-        more = refine(segments, refine(segments, more, sweeps=1, steps=0), sweeps=2)
-        ringing = prune(segments, more)
+        extended_modes = refine(
+            segments, refine(segments, extended_modes, sweeps=1, steps=0), sweeps=2
+        )
+        ringing = prune(segments, extended_modes)
     return ringing
 
 
-def _within(segments: Sequence[Segment], ringing: Exponentials, budget: int | None) -> Exponentials:
+def _reduce_to_budget(
+    segments: Sequence[Segment], ringing: Exponentials, budget: int | None
+) -> Exponentials:
     """Drop the weakest modes a few at a time down to a budget, refitting the others each time."""
     while budget and ringing.count > budget:
-        fewer = max(budget, int(_STEP * ringing.count))
-        ringing = refine(segments, prune(segments, ringing, budget=fewer), sweeps=2)
+        new_count = max(budget, int(_STEP * ringing.count))
+        ringing = refine(segments, prune(segments, ringing, budget=new_count), sweeps=2)
     return ringing
 
 
-def _noisier(segments: Sequence[Segment], ringing: Exponentials) -> list[Segment]:
+def _raise_noise(segments: Sequence[Segment], ringing: Exponentials) -> list[Segment]:
     """Raise the noise to the residual where that is more."""
-    return [each.noisier(each.residual(ringing)) for each in segments]
+    return [segment.noisier(segment.residual(ringing)) for segment in segments]
 
 
 METHODS = ("shared", "corbett2007")
@@ -468,180 +548,200 @@ def fit_poles(
     onsets: Sequence[Sequence[float]] | None = None,
     attack: bool | None = None,
     progress: Progress = silent,
-    kept: Kept = computed,
-) -> Fitted:
+    run_stage: StageRunner = run_uncached,
+) -> PoleFit:
     """Fit one set of modes to all channels and hits of all takes.
 
     Parameters
     ----------
     takes : Take or sequence of Take
         Of the same object, at one sample rate.
-    method : str
-        "shared": all poles of all channels and hits in one fit; "corbett2007": the paper's own, a
-        fit of each and a merge.
+    method : {"shared", "corbett2007"}
+        "shared": all poles of all channels and hits in one fit; "corbett2007": that of the paper, a
+        fit of each and a merge. Default: "shared".
     budget : int or None
-        Not more modes than these, those that explain most; None for all that are clear of noise.
+        Maximum number of modes, those that explain most; None for all above noise. Default: 64.
     onsets : sequence of sequences of float, optional
-        Times of the hits in each take, s; found unless given.
+        Times of the hits in each take, s. Default: detected.
     attack : bool, optional
-        Whether the modes stand for the whole sound, from the blow itself on, or only for what rings
-        freely after it. The whole under a budget, unless given.
-    progress : Progress
-        Told the stage and the fraction done.
-    kept : callable
-        Given a name and what computes a stage of the work, returns its result: where one is kept,
-        a fit that was stopped goes on from there.
+        True: the modes model the whole sound, blow included. False: the free ringing after the
+        blow. Default: True under a budget, else False.
+    progress : callable
+        Called with the name of the stage and the fraction done. Default: no report.
+    run_stage : callable
+        Called with the name of a stage and a function that computes it; returns the result, which
+        it may read from a cache to resume a stopped fit. Default: computes each stage.
 
     Returns
     -------
-    Fitted
-        Where the sound is not that of a struck object, its verdict says so.
+    PoleFit
+        Its verdict reports whether the sound is that of a struck object.
 
     Raises
     ------
     RecordingError
         When takes differ in sample rate, or one of them holds no hit.
     OptionError
-        When there is no take, the budget is below 1, onsets are none of the takes', or the method
-        is unknown.
+        When there is no take, the budget is below 1, onsets do not fit the takes, or the method is
+        unknown.
     """
     require_choice("method", method, METHODS)
     takes = [takes] if isinstance(takes, Take) else list(takes)
     if not takes or (budget is not None and budget < 1):
         raise OptionError(f"{len(takes)} takes, budget {budget}: give at least 1 of each")
     require_one_rate(takes)
-    calm, tones = zip(*(without_hum(without_force(take)) for take in takes), strict=True)
-    microphones, hits, controls = _undone(calm, onsets)
+    calm_takes, tones = zip(*(without_hum(without_force(take)) for take in takes), strict=True)
+    microphones, hits, controls = _undo_gain_control(calm_takes, onsets)
     hum = np.concatenate(tones)
     doubts = [
-        doubtful(*each) if onsets is None else [] for each in zip(microphones, hits, strict=True)
+        find_doubtful(*pair) if onsets is None else []
+        for pair in zip(microphones, hits, strict=True)
     ]
-    whole = budget is not None if attack is None else attack
+    has_attack = budget is not None if attack is None else attack
 
-    def fit(hits: Sequence[Sequence[Hit]], stage: str = "") -> Fitted:
-        segments, rows = joined(cut(microphones, hits, attack=whole))
+    def fit(hits: Sequence[Sequence[Hit]], stage: str = "") -> PoleFit:
+        segments, rows = join_stretches(cut_takes(microphones, hits, attack=has_attack))
 
-        def each(name: str, compute: Callable[[], Exponentials]) -> Exponentials:
-            return kept(f"{name}{stage}", compute)
+        def run_named_stage(name: str, compute: Callable[[], Exponentials]) -> Exponentials:
+            return run_stage(f"{name}{stage}", compute)
 
         if method == "shared":
-            ringing = search(segments, budget=budget, progress=progress, kept=each)
+            ringing = search(segments, budget=budget, progress=progress, run_stage=run_named_stage)
         else:
-            ringing = each(method, lambda: by_corbett2007(segments, budget))
-        outside = [] if onsets is not None else list(map(unexplained, microphones, hits))
-        steady = onsets is None and all(map(constant, microphones))
-        verdict = judge(segments, rows, ringing, outside, steady=steady)
+            ringing = run_named_stage(method, lambda: by_corbett2007(segments, budget))
+        outside_energies = (
+            [] if onsets is not None else list(map(energy_before_hits, microphones, hits))
+        )
+        is_steady = onsets is None and all(map(is_constant, microphones))
+        verdict = judge(segments, rows, ringing, outside_energies, is_steady=is_steady)
         notes = [*notes_on(takes, hits), *_unlike(takes, verdict)]
-        measured = method == "shared" and budget is None
-        return fitted_of(segments, rows, ringing, verdict, notes, hum=hum, measured=measured)
+        is_measurement = method == "shared" and budget is None
+        return make_pole_fit(
+            segments, rows, ringing, verdict, notes, hum=hum, measured=is_measurement
+        )
 
-    fitted = _by_evidence(fit, hits, doubts) if any(doubts) else fit(hits)
-    fitted = _controlled(fitted, controls, takes)
-    fitted = replace(fitted, rows=_numbered(fitted.rows, takes))
+    result = _fit_proven_hits(fit, hits, doubts) if any(doubts) else fit(hits)
+    result = _add_gain_errors(result, controls, takes)
+    result = replace(result, rows=_count_channels(result.rows, takes))
     if method == "shared":
-        return fitted
+        return result
     # The method of 2007 does not minimise the residual that errors come from.
-    unknown = np.full(len(fitted.frequencies), np.nan)
-    return replace(fitted, frequency_errors=unknown, decay_errors=unknown)
+    missing_errors = np.full(len(result.frequencies), np.nan)
+    return replace(result, frequency_errors=missing_errors, decay_errors=missing_errors)
 
 
-def _undone(
+def _undo_gain_control(
     takes: Sequence[Take], onsets: Sequence[Sequence[float]] | None
 ) -> tuple[list[Take], list[list[Hit]], list[GainControl | None]]:
     """Return takes without automatic gain, their hits, and the gains that were undone."""
     takes, hits = list(takes), _hits(takes, onsets)
-    controls = [gain_control(*each) for each in zip(takes, hits, strict=True)]
+    controls = [gain_control(*pair) for pair in zip(takes, hits, strict=True)]
     for place, control in enumerate(controls):
         if control is not None:
             takes[place] = control.undone(takes[place])
-            found = _hits(takes[place : place + 1], onsets and onsets[place : place + 1])
-            hits[place] = control.settled(found[0], takes[place].sample_rate)
+            new_hits = _hits(takes[place : place + 1], onsets and onsets[place : place + 1])
+            hits[place] = control.settled(new_hits[0], takes[place].sample_rate)
     return takes, hits, controls
 
 
-def _controlled(
-    fitted: Fitted, controls: Sequence[GainControl | None], takes: Sequence[Take]
-) -> Fitted:
+def _add_gain_errors(
+    fit: PoleFit, controls: Sequence[GainControl | None], takes: Sequence[Take]
+) -> PoleFit:
     """Add the gains' uncertainty to the errors of decays; refuse takes with too much of it."""
-    fitted = replace(fitted, controls=tuple(controls))
-    of_gain = [each.decay_errors(fitted.decays) for each in controls if each is not None]
+    fit = replace(fit, controls=tuple(controls))
+    of_gain = [control.decay_errors(fit.decays) for control in controls if control is not None]
     if not of_gain:
-        return fitted
+        return fit
     notes = [
         f"the gain of {take.name} was controlled automatically, by {control.depth:.0f} dB: it is "
-        "undone by what the noise tells of it, and decays are less certain; turn it off"
+        "undone by means of the noise, and decays are less certain; turn it off"
         for take, control in zip(takes, controls, strict=True)
         if control is not None
     ]
-    own, unknown = ~fitted.blow, np.max(of_gain, axis=0)
-    share = float(np.median((unknown / fitted.decays)[own])) if own.any() else 0.0
-    verdict = fitted.verdict
-    if share > UNKNOWN:
+    is_object_mode, gain_errors = ~fit.blow, np.max(of_gain, axis=0)
+    relative_error = (
+        float(np.median((gain_errors / fit.decays)[is_object_mode]))
+        if is_object_mode.any()
+        else 0.0
+    )
+    verdict = fit.verdict
+    if relative_error > MAX_DECAY_ERROR:
         reason = (
-            "its gain was controlled automatically, and the noise tells decays to "
-            f"{100 * share:.0f} % only, of {100 * UNKNOWN:g} % that are needed: turn it off"
+            "its gain was controlled automatically, and the noise determines decays to "
+            f"{100 * relative_error:.0f} % only, of {100 * MAX_DECAY_ERROR:g} % that are needed: "
+            "turn it off"
         )
         verdict = replace(verdict, modal=False, reason=reason)
-    errors = fitted.frequency_errors, np.hypot(fitted.decay_errors, unknown)
+    errors = fit.frequency_errors, np.hypot(fit.decay_errors, gain_errors)
     return replace(
-        fitted,
+        fit,
         decay_errors=errors[1],
-        vague=vague(fitted.segments, fitted.frequencies, fitted.decays, errors),
-        notes=(*fitted.notes, *notes),
+        vague=find_vague(fit.segments, fit.frequencies, fit.decays, errors),
+        notes=(*fit.notes, *notes),
         verdict=verdict,
     )
 
 
-def _by_evidence(
-    fit: Callable[[Sequence[Sequence[Hit]], str], Fitted],
+def _fit_proven_hits(
+    fit: Callable[[Sequence[Sequence[Hit]], str], PoleFit],
     hits: list[list[Hit]],
     doubts: list[list[Hit]],
-) -> Fitted:
+) -> PoleFit:
     """Fit with the sure hits and with each doubtful hit that explains more than its gains cost."""
-    every = fit(hits, "")
-    if not every.verdict.modal:  # with fewer hits it explains no more
-        return every
-    sure = [
-        _ended([hit for hit in own if hit not in unsure], own[-1].end)
-        for own, unsure in zip(hits, doubts, strict=True)
+    full_fit = fit(hits, "")
+    if not full_fit.verdict.modal:  # with fewer hits it explains no more
+        return full_fit
+    sure_hits = [
+        _end_at_next([hit for hit in take_hits if hit not in doubtful_hits], take_hits[-1].end)
+        for take_hits, doubtful_hits in zip(hits, doubts, strict=True)
     ]
-    without = fit(sure, ", sure hits")
-    kept = [
-        [hit for hit in own if hit not in unsure or _is_proven(every, without, number, hit)]
-        for number, (own, unsure) in enumerate(zip(hits, doubts, strict=True))
+    sure_fit = fit(sure_hits, ", sure hits")
+    accepted_hits = [
+        [
+            hit
+            for hit in take_hits
+            if hit not in doubtful_hits or _is_proven(full_fit, sure_fit, number, hit)
+        ]
+        for number, (take_hits, doubtful_hits) in enumerate(zip(hits, doubts, strict=True))
     ]
-    if kept == hits:
-        return every
-    kept = [_ended(own, every[-1].end) for own, every in zip(kept, hits, strict=True)]
-    return without if kept == sure else fit(kept, ", proven hits")
+    if accepted_hits == hits:
+        return full_fit
+    accepted_hits = [
+        _end_at_next(take_hits, all_hits[-1].end)
+        for take_hits, all_hits in zip(accepted_hits, hits, strict=True)
+    ]
+    return sure_fit if accepted_hits == sure_hits else fit(accepted_hits, ", proven hits")
 
 
-def _ended(hits: list[Hit], end: int) -> list[Hit]:
+def _end_at_next(hits: list[Hit], end: int) -> list[Hit]:
     """Return hits that last until the next of them, the last one until sample `end`."""
     ends = [*(hit.onset for hit in hits[1:]), end]
     return [replace(hit, end=end) for hit, end in zip(hits, ends, strict=True)]
 
 
-def _is_proven(every: Fitted, without: Fitted, take: int, hit: Hit) -> bool:
+def _is_proven(full_fit: PoleFit, sure_fit: PoleFit, take: int, hit: Hit) -> bool:
     """Return whether a doubtful hit of a take explains energy that the sure hits leave."""
-    rate = every.segments[0].sample_rate
-    left, other = [], []
-    for row, what in enumerate(every.rows):
-        if what.take != take or not hit.onset <= what.time * rate <= hit.end:
+    rate = full_fit.segments[0].sample_rate
+    left, sure_residuals = [], []
+    for row, entry in enumerate(full_fit.rows):
+        if entry.take != take or not hit.onset <= entry.time * rate <= hit.end:
             continue
-        sound, model = every.heard_in(row)
-        before = [
+        sound, model = full_fit.samples_and_model(row)
+        earlier_rows = [
             number
-            for number, each in enumerate(without.rows)
-            if (each.take, each.channel) == (take, what.channel) and each.time <= what.time
+            for number, sure_row in enumerate(sure_fit.rows)
+            if (sure_row.take, sure_row.channel) == (take, entry.channel)
+            and sure_row.time <= entry.time
         ]
-        if before:
+        if earlier_rows:
             left.append(sound - model)
-            other.append(sound - without.ringing(before[-1], what.time, len(sound)))
-    return bool(left) and proven(left, other, len(every.heard.poles))
+            sure_residuals.append(
+                sound - sure_fit.ringing(earlier_rows[-1], entry.time, len(sound))
+            )
+    return bool(left) and is_proven(left, sure_residuals, len(full_fit.exponentials.poles))
 
 
-def _numbered(rows: Sequence[Row], takes: Sequence[Take]) -> tuple[Row, ...]:
+def _count_channels(rows: Sequence[Row], takes: Sequence[Take]) -> tuple[Row, ...]:
     """Count the rows' channels as in the takes, where force sensors count, too."""
     channels = [np.flatnonzero(~left_out(take)) for take in takes]
     return tuple(replace(row, channel=int(channels[row.take][row.channel])) for row in rows)
@@ -649,31 +749,34 @@ def _numbered(rows: Sequence[Row], takes: Sequence[Take]) -> tuple[Row, ...]:
 
 def _hits(takes: Sequence[Take], onsets: Sequence[Sequence[float]] | None) -> list[list[Hit]]:
     if onsets is None:
-        return list(map(_found, takes))
-    if np.ndim(onsets) == 0 or any(np.ndim(own) == 0 for own in onsets):
+        return list(map(_find_clear_hits, takes))
+    if np.ndim(onsets) == 0 or any(np.ndim(take_onsets) == 0 for take_onsets in onsets):
         raise OptionError(f"onsets are {onsets!r}: give a sequence of times for each take, s")
     if len(onsets) != len(takes):
         raise OptionError(f"onsets of {len(onsets)} takes, and {len(takes)} takes: give one each")
-    return [list(_given(take, sorted(own))) for take, own in zip(takes, onsets, strict=True)]
+    return [
+        list(_hits_at(take, sorted(take_onsets)))
+        for take, take_onsets in zip(takes, onsets, strict=True)
+    ]
 
 
-def _found(take: Take) -> list[Hit]:
+def _find_clear_hits(take: Take) -> list[Hit]:
     """Return the hits of a take, without a faint one that its end leaves no time to ring.
 
     The hit before ends where that one began: a coder or a cut may have made it.
     """
     hits = find_hits(take)
-    late = [hit for hit in doubtful(take, hits)[-1:] if hit is hits[-1]]
-    if late and hits[-1].end - hits[-1].start < SHORTEST * take.sample_rate:
+    late_hits = [hit for hit in find_doubtful(take, hits)[-1:] if hit is hits[-1]]
+    if late_hits and hits[-1].end - hits[-1].start < SHORTEST * take.sample_rate:
         return hits[:-1]
     return hits
 
 
-def _given(take: Take, times: list[float]) -> Iterator[Hit]:
-    wrong = [time for time in times if not 0 <= time < take.duration]
-    if wrong:
+def _hits_at(take: Take, times: list[float]) -> Iterator[Hit]:
+    invalid_times = [time for time in times if not 0 <= time < take.duration]
+    if invalid_times:
         raise OptionError(
-            f"onset {wrong[0]} s lies outside {take.name}, 0 to {take.duration:.3f} s"
+            f"onset {invalid_times[0]} s lies outside {take.name}, 0 to {take.duration:.3f} s"
         )
     samples = [round(time * take.sample_rate) for time in times]
     if len(set(samples)) < len(samples):

@@ -12,21 +12,21 @@ from scipy.sparse.csgraph import connected_components
 from struck.model.arrays import Array, Mask
 from struck.model.exponentials import Exponentials, best_gains, correlations, samples
 from struck.recordings.onsets import Hit, lead_in
-from struck.recordings.poles.uncertainty import met, significance, standard_errors
+from struck.recordings.poles.uncertainty import densities_at_modes, significance, standard_errors
 from struck.recordings.segments import Row, Segment
 from struck.recordings.takes import Take
 
 MODAL_MARGIN = 8.0  # least signal over the misfit of a modal sound, dB
-CROWDED, _LARGE = 256, 64  # modes
-_SHARED = 0.08  # of their energy that takes of one object have in common at least
-_FAST = 1.25  # growth by one look, from which on it may be of a crowd
-_SLOWEST, _FEW = 0.02, 8  # 1/s; takes that a note names
-_STEADY = 0.5  # share of the energy
-_SLOW = 0.05  # 1/s: it would ring for more than two minutes
-_LATE, _EARLY = 0.1, 0.05  # s
-_SWELLS = 6.0  # dB
-_STILL = 0.5  # dB
-_CONSTANT = "it is as loud from beginning to end, as hum is: nothing was struck"
+MANY_MODES, _LARGE_BUDGET = 256, 64  # modes
+_MIN_COMMON_FRACTION = 0.08  # fraction of energy that takes of one object have in common at least
+_MIN_GROWTH = 1.25  # growth by one pass, from which on modes may be spurious
+_MIN_DECAY, _MAX_NAMED_TAKES = 0.02, 8  # 1/s; takes that a note names
+_STEADY_FRACTION = 0.5  # share of the energy
+_STEADY_DECAY = 0.05  # 1/s: it would ring for more than two minutes
+_LATE_TIME, _LEVEL_BLOCK = 0.1, 0.05  # s
+_MAX_SWELLING = 6.0  # dB
+_MAX_LEVEL_RANGE = 0.5  # dB
+_CONSTANT_REASON = "it is as loud from beginning to end, as hum is: nothing was struck"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,7 +36,7 @@ class ModalVerdict:
     modal: bool  # decaying modes explain it
     reason: str  # why not, in one sentence; empty where it is
     signal_to_residual: float  # energy of the segments over their residual, dB
-    # the same without the share of the residual that is noise heard in a lead-in; may be infinite
+    # the same without the residual's part that is noise as in a lead-in; may be infinite
     signal_to_misfit: float
     takes: tuple[float, ...] = ()  # signal to misfit of each take, dB
 
@@ -45,29 +45,30 @@ def judge(
     segments: Sequence[Segment],
     rows: Sequence[Row],
     ringing: Exponentials,
-    outside: Sequence[float] = (),
+    outside_energies: Sequence[float] = (),
     *,
-    steady: bool = False,
+    is_steady: bool = False,
 ) -> ModalVerdict:
     """Return whether fitted modes make these segments modal.
 
-    Only noise that a lead-in has shown is forgiven: what was guessed from a quiet moment may be
-    what the modes fail to explain, as is the energy of each take `outside` of all segments.
+    Only the noise of a lead-in is subtracted from the misfit: noise guessed from a quiet moment may
+    be sound that the modes do not explain. `outside_energies`, of each take outside of all
+    segments, count as unexplained.
     """
-    signal = np.concatenate([(each.samples**2).sum(axis=1) for each in segments])
-    left = np.concatenate([(each.residual(ringing) ** 2).sum(axis=1) for each in segments])
-    noise = np.concatenate([_heard_noise(each) for each in segments])
+    signal = np.concatenate([(segment.samples**2).sum(axis=1) for segment in segments])
+    left = np.concatenate([(segment.residual(ringing) ** 2).sum(axis=1) for segment in segments])
+    noise = np.concatenate([_lead_in_noise(segment) for segment in segments])
     owners = np.array([row.take for row in rows])
-    for take, energy in enumerate(outside):
+    for take, energy in enumerate(outside_energies):
         first = np.argmax(owners == take)
         signal[first] += energy
         left[first] += energy
     misfits = tuple(
-        _decibels(signal[own].sum(), (left - noise)[own].sum())
-        for own in (owners == take for take in np.unique(owners))
+        _decibels(signal[mask].sum(), (left - noise)[mask].sum())
+        for mask in (owners == take for take in np.unique(owners))
     )
     misfit = _decibels(signal.sum(), (left - noise).sum())
-    reason = _reason(segments, ringing, misfit) or (_CONSTANT if steady else "")
+    reason = _reason(segments, ringing, misfit) or (_CONSTANT_REASON if is_steady else "")
     return ModalVerdict(
         modal=not reason,
         reason=reason,
@@ -77,37 +78,41 @@ def judge(
     )
 
 
-def hopeless(segments: Sequence[Segment], ringing: Exponentials, budget: int | None) -> bool:
+def is_hopeless(segments: Sequence[Segment], ringing: Exponentials, budget: int | None) -> bool:
     """Return whether modes explain so little that no search of further ones is worth its time.
 
     Where a large budget is used up that is half of what a modal sound takes, in decibels; else less
-    than all of that with several hundreds of modes: each look at a cymbal finds as many more.
+    than all of that with several hundreds of modes: each pass over a cymbal finds as many more.
     """
-    least = MODAL_MARGIN / 2 if budget else MODAL_MARGIN
-    many = ringing.count >= (max(budget, _LARGE) if budget else CROWDED)
-    return many and explained(segments, ringing) < least
+    min_margin = MODAL_MARGIN / 2 if budget else MODAL_MARGIN
+    has_many = ringing.count >= (max(budget, _LARGE_BUDGET) if budget else MANY_MODES)
+    return has_many and signal_to_misfit(segments, ringing) < min_margin
 
 
-def crowding(segments: Sequence[Segment], before: Exponentials, after: Exponentials) -> bool:
+def is_diverging(
+    segments: Sequence[Segment], old_modes: Exponentials, new_modes: Exponentials
+) -> bool:
     """Return whether hundreds of modes grow by a larger share than their residual falls."""
-    growth = after.count / before.count if before.count else 0.0
-    fast = growth > _FAST and after.count >= CROWDED
-    return fast and growth * left_over(segments, after) > left_over(segments, before)
+    growth = new_modes.count / old_modes.count if old_modes.count else 0.0
+    is_fast = growth > _MIN_GROWTH and new_modes.count >= MANY_MODES
+    return is_fast and growth * residual_energy(segments, new_modes) > residual_energy(
+        segments, old_modes
+    )
 
 
-def left_over(segments: Sequence[Segment], ringing: Exponentials) -> float:
+def residual_energy(segments: Sequence[Segment], ringing: Exponentials) -> float:
     """Return the energy of the residual of modes in all segments."""
-    return sum(float((each.residual(ringing) ** 2).sum()) for each in segments)
+    return sum(float((segment.residual(ringing) ** 2).sum()) for segment in segments)
 
 
-def explained(segments: Sequence[Segment], ringing: Exponentials) -> float:
+def signal_to_misfit(segments: Sequence[Segment], ringing: Exponentials) -> float:
     """Return the energy of segments over the misfit of modes, without the noise of lead-ins, dB."""
-    signal = sum(float((each.samples**2).sum()) for each in segments)
-    noise = sum(float(_heard_noise(each).sum()) for each in segments)
-    return _decibels(signal, left_over(segments, ringing) - noise)
+    signal = sum(float((segment.samples**2).sum()) for segment in segments)
+    noise = sum(float(_lead_in_noise(segment).sum()) for segment in segments)
+    return _decibels(signal, residual_energy(segments, ringing) - noise)
 
 
-def _heard_noise(segment: Segment) -> Array:
+def _lead_in_noise(segment: Segment) -> Array:
     """Return the energy of the noise (C,) as far as a lead-in has shown it."""
     energy = segment.noise.energy(segment.samples.shape[1])
     return energy if segment.before.shape[1] else np.zeros_like(energy)
@@ -116,100 +121,108 @@ def _heard_noise(segment: Segment) -> Array:
 def _reason(segments: Sequence[Segment], ringing: Exponentials, misfit: float) -> str:
     if not ringing.count:
         return "nothing rings that stands out of the noise"
-    if _steady(segments, ringing) > _STEADY:
+    if _steady_fraction(segments, ringing) > _STEADY_FRACTION:
         return "most of it is a steady tone that does not decay: nothing was struck"
     if misfit < MODAL_MARGIN:
         return (
             f"what {ringing.count} decaying modes leave is only {misfit:.1f} dB below the sound, "
             f"and {MODAL_MARGIN:g} dB are needed: it is noise-like, as of a cymbal, or moves in "
-            "pitch, as speech does, or wants more modes"
+            "pitch, as speech does, or needs more modes"
         )
-    if _swelling(segments) > _SWELLS:
+    if _swelling(segments) > _MAX_SWELLING:
         return "it grows louder after its beginning: nothing was struck there"
     return ""
 
 
-def _steady(segments: Sequence[Segment], ringing: Exponentials) -> float:
+def _steady_fraction(segments: Sequence[Segment], ringing: Exponentials) -> float:
     """Return the share of energy in modes that are sure to decay too slowly."""
     errors = standard_errors(segments, ringing).decays
-    steady = ringing.of(ringing.decays + errors < _SLOW)
-    if not steady.count:
+    steady_modes = ringing.of(ringing.decays + errors < _STEADY_DECAY)
+    if not steady_modes.count:
         return 0.0
-    whole = sum(float((each.samples**2).sum()) for each in segments)
-    return sum(float((each.model(steady) ** 2).sum()) for each in segments) / whole
+    total_energy = sum(float((segment.samples**2).sum()) for segment in segments)
+    return (
+        sum(float((segment.model(steady_modes) ** 2).sum()) for segment in segments) / total_energy
+    )
 
 
 def _swelling(segments: Sequence[Segment]) -> float:
     """Return how far the level of the loudest segment rises after its beginning, dB."""
-    segment = max(segments, key=lambda each: float((each.samples**2).sum()))
-    size = max(1, round(_EARLY * segment.sample_rate))
+    segment = max(segments, key=lambda segment: float((segment.samples**2).sum()))
+    size = max(1, round(_LEVEL_BLOCK * segment.sample_rate))
     count = segment.samples.shape[1] // size
-    if count < 2 * _LATE / _EARLY:
+    if count < 2 * _LATE_TIME / _LEVEL_BLOCK:
         return 0.0
     blocks = (segment.samples[:, : count * size].reshape(-1, count, size) ** 2).sum(axis=(0, 2))
-    late = round(_LATE / _EARLY)
-    return _decibels(float(blocks[late:].max()), float(blocks[:late].max()))
+    late_block = round(_LATE_TIME / _LEVEL_BLOCK)
+    return _decibels(float(blocks[late_block:].max()), float(blocks[:late_block].max()))
 
 
 def _decibels(above: float, below: float) -> float:
     return float(10 * np.log10(above / below)) if below > 0 else np.inf
 
 
-# The blow itself is no sum of decaying tones, yet a budget of modes stands for the whole sound.
-# Those that stand for the blow add up to what is heard until the object is let go, and to nothing
-# afterwards, although each alone would still ring. A mode of the object is heard on: gains fitted
-# again from any moment after the blow are what they have decayed to.
+# The blow itself is not a sum of decaying tones, yet a budget of modes models the whole sound.
+# Modes that model the blow add up to the sound during the contact and to zero afterwards, although
+# each alone would still ring. A mode of the object continues: its gain refitted from any moment
+# after the blow is the gain decayed until then.
 
 _LONGEST_PUSH, _SHORTEST_PUSH = 0.02, 5e-4  # s, of blows: a soft mallet, and a hard tool
-_SMOOTHED = 5e-4  # s
-_CHANGED = 0.5  # of what a gain has decayed to
-_AFTER, _RINGS = 5, 2.0  # times the push; energy from twice to so often over the noise's
-_CLEAR = 16.0  # times what noise has by chance: enough to see by its gain that a mode is none
-_STRAY = 0.1  # of the modes may be contradicted for other reasons than the blow
-_LATER = 1.5  # from one moment of comparison to the next, a factor
+_SMOOTHING_TIME = 5e-4  # s
+_MAX_GAIN_CHANGE = 0.5  # of what a gain has decayed to
+_LATER_PUSHES = 5  # end of the later sound, in push durations
+_MIN_RINGING_RATIO = 2.0  # its energy over that of the noise, from twice the push on
+_CLEAR_RATIO = 16.0  # times the significant energy, from which a changed gain contradicts a mode
+_STRAY_FRACTION = 0.1  # of the modes may be contradicted for other reasons than the blow
+_TIME_RATIO = 1.5  # from one moment of comparison to the next, a factor
 _WINDOW = 2 * _LONGEST_PUSH  # s that are compared
-_LASTING = np.log(100) / (2 * _LONGEST_PUSH)  # 1/s: falls by 40 dB in twice the longest push
-_UNKNOWN = 0.3  # of its half-power bandwidth, or of the resolution of the longest segment
+_MIN_BLOW_DECAY = np.log(100) / (2 * _LONGEST_PUSH)  # 1/s: falls by 40 dB in twice the longest push
+# Relative to the half-power bandwidth, or to the resolution of the longest segment.
+_MAX_RELATIVE_ERROR = 0.3
 
 
-def of_blow(segments: Sequence[Segment], ringing: Exponentials, *, released: bool = False) -> Mask:
+def find_blow_modes(
+    segments: Sequence[Segment], ringing: Exponentials, *, is_released: bool = False
+) -> Mask:
     """Return which modes (M,) are of the hits' blow, not of the object.
 
     The push is over after twice the time to the loudest moment, as that of a half-sine is; all are
-    of the blow if only noise follows. In segments that begin when the object is `released` no modes
-    cancel for a push, and those are of the blow that fall by 40 dB in twice the push.
+    of the blow if only noise follows. If segments begin after the contact (`is_released`), no modes
+    cancel during the push; modes that fall by 40 dB in twice the push are of the blow.
     """
     pushes = []
-    after = noise = 0.0
+    later_energy = noise_energy = 0.0
     for segment in segments:
         rate = segment.sample_rate
         energy = (segment.samples[:, : round(_LONGEST_PUSH / 2 * rate)] ** 2).sum(axis=0)
-        loudest = int(uniform_filter1d(energy, max(1, round(_SMOOTHED * rate))).argmax())
-        later = max(2 * loudest, round(_SHORTEST_PUSH * rate))
-        pushes.append(later / rate)
-        heard = segment.samples[:, 2 * later : _AFTER * later]
-        after += float((heard**2).sum())
-        noise += float(segment.noise.energy(heard.shape[1]).sum())
-    if after < _RINGS * noise:
+        peak = int(uniform_filter1d(energy, max(1, round(_SMOOTHING_TIME * rate))).argmax())
+        push_end = max(2 * peak, round(_SHORTEST_PUSH * rate))
+        pushes.append(push_end / rate)
+        samples = segment.samples[:, 2 * push_end : _LATER_PUSHES * push_end]
+        later_energy += float((samples**2).sum())
+        noise_energy += float(segment.noise.energy(samples.shape[1]).sum())
+    if later_energy < _MIN_RINGING_RATIO * noise_energy:
         return np.ones(ringing.count, bool)
-    if released:
+    if is_released:
         return ringing.decays * 2 * max(pushes) > np.log(100)
-    return _cancelled(segments, ringing, pushes) | _within_blow(segments, ringing)
+    return _find_cancelled(segments, ringing, pushes) | _find_contradicted(segments, ringing)
 
 
-def _cancelled(segments: Sequence[Segment], ringing: Exponentials, pushes: Sequence[float]) -> Mask:
+def _find_cancelled(
+    segments: Sequence[Segment], ringing: Exponentials, pushes: Sequence[float]
+) -> Mask:
     """Return which modes (M,) change their gains where they are fitted again after the push, s."""
-    change, total = np.zeros(ringing.count), np.full(ringing.count, 1e-300)
+    change, gain_energies = np.zeros(ringing.count), np.full(ringing.count, 1e-300)
     for segment, push in zip(segments, pushes, strict=True):
-        later = round(push * segment.sample_rate)
-        decayed = ringing.gains[segment.rows] * np.exp(ringing.poles * push)
-        refitted = best_gains(ringing.poles, segment.samples[:, later:], segment.sample_rate)
-        change += (np.abs(refitted - decayed) ** 2).sum(axis=0)
-        total += (np.abs(decayed) ** 2).sum(axis=0)
-    return change > _CHANGED**2 * total
+        push_end = round(push * segment.sample_rate)
+        expected_gains = ringing.gains[segment.rows] * np.exp(ringing.poles * push)
+        refitted = best_gains(ringing.poles, segment.samples[:, push_end:], segment.sample_rate)
+        change += (np.abs(refitted - expected_gains) ** 2).sum(axis=0)
+        gain_energies += (np.abs(expected_gains) ** 2).sum(axis=0)
+    return change > _MAX_GAIN_CHANGE**2 * gain_energies
 
 
-def _within_blow(segments: Sequence[Segment], ringing: Exponentials) -> Mask:
+def _find_contradicted(segments: Sequence[Segment], ringing: Exponentials) -> Mask:
     """Return which modes (M,) later samples contradict, and which die within the blow.
 
     Modes that outlast the longest blow are not tried. A mode is contradicted at a moment if its
@@ -218,62 +231,68 @@ def _within_blow(segments: Sequence[Segment], ringing: Exponentials) -> Mask:
     chance. The blow lasts twice the time after which at most a tenth of the modes are contradicted
     for the first time, the shortest push at least; modes below the noise by then died within it.
     """
-    tried = ringing.decays > _LASTING
-    slow, fast = ringing.of(~tried), ringing.of(tried)
-    blow = np.zeros(ringing.count, bool)
-    if not fast.count:
-        return blow
-    least = significance(len(ringing.gains))
-    floor = met(segments, ringing)[1][:, tried]
-    steps = np.log(_LONGEST_PUSH / _SHORTEST_PUSH) / np.log(_LATER)
-    times = _SHORTEST_PUSH * _LATER ** np.arange(int(steps) + 1)
-    first, energies = np.full(fast.count, np.inf), np.zeros((len(times), fast.count))
+    is_fast = ringing.decays > _MIN_BLOW_DECAY
+    slow_modes, fast_modes = ringing.of(~is_fast), ringing.of(is_fast)
+    is_of_blow = np.zeros(ringing.count, bool)
+    if not fast_modes.count:
+        return is_of_blow
+    min_energy = significance(len(ringing.gains))
+    floor = densities_at_modes(segments, ringing)[1][:, is_fast]
+    steps = np.log(_LONGEST_PUSH / _SHORTEST_PUSH) / np.log(_TIME_RATIO)
+    times = _SHORTEST_PUSH * _TIME_RATIO ** np.arange(int(steps) + 1)
+    first, energies = np.full(fast_modes.count, np.inf), np.zeros((len(times), fast_modes.count))
     for number, time in enumerate(times):
-        expected, alone, change, missing, energies[number] = _compared(
-            segments, slow, fast, floor, time
+        expected_squares, lone_squares, change, missing, energies[number] = _compare_gains(
+            segments, slow_modes, fast_modes, floor, time
         )
-        limit = _CHANGED**2 * expected
-        gone = (alone < limit) & (missing > least)
-        wrong = (change > limit) & (gone | (energies[number] > _CLEAR * least))
-        first[wrong] = np.minimum(first[wrong], time)
-    contradicted = np.isfinite(first)
-    over = 2 * float(np.quantile(np.where(contradicted, first, times[0] / 2), 1 - _STRAY))
-    last = min(int(np.searchsorted(times, 0.999 * over)), len(times) - 1)
-    blow[tried] = contradicted | (energies[last] <= least)
-    return blow
+        limit = _MAX_GAIN_CHANGE**2 * expected_squares
+        is_gone = (lone_squares < limit) & (missing > min_energy)
+        is_wrong = (change > limit) & (is_gone | (energies[number] > _CLEAR_RATIO * min_energy))
+        first[is_wrong] = np.minimum(first[is_wrong], time)
+    is_contradicted = np.isfinite(first)
+    blow_end = 2 * float(
+        np.quantile(np.where(is_contradicted, first, times[0] / 2), 1 - _STRAY_FRACTION)
+    )
+    last = min(int(np.searchsorted(times, 0.999 * blow_end)), len(times) - 1)
+    is_of_blow[is_fast] = is_contradicted | (energies[last] <= min_energy)
+    return is_of_blow
 
 
-def _compared(
-    segments: Sequence[Segment], slow: Exponentials, fast: Exponentials, floor: Array, time: float
+def _compare_gains(
+    segments: Sequence[Segment],
+    slow_modes: Exponentials,
+    fast_modes: Exponentials,
+    floor: Array,
+    time: float,
 ) -> Array:
     """Return sums over rows, weighted by the noise `floor` (C, M), from a `time`, s, on (5, M).
 
-    They are squares of the expected gains of the `fast` modes, of those of each fitted alone, and
+    They are squares of the expected gains of the `fast_modes`, of those of each fitted alone, and
     of the changes where all are fitted together; then energies over noise of what each alone lacks,
-    and of what is expected. The sound of the `slow` modes is subtracted first.
+    and of what is expected. The sound of the `slow_modes` is subtracted first.
     """
-    sums = np.zeros((5, fast.count))
+    sums = np.zeros((5, fast_modes.count))
     for segment in segments:
-        rate, begin = segment.sample_rate, round(time * segment.sample_rate)
-        heard = segment.samples[:, begin : begin + round(_WINDOW * rate)]
-        length = heard.shape[1]
+        rate, start = segment.sample_rate, round(time * segment.sample_rate)
+        samples_in_window = segment.samples[:, start : start + round(_WINDOW * rate)]
+        length = samples_in_window.shape[1]
         if not length:
             continue
-        lasting = slow.gains[segment.rows] * np.exp(slow.poles * begin / rate)
-        left = heard - samples(slow.poles, lasting, length, rate)
-        expected = fast.gains[segment.rows] * np.exp(fast.poles * begin / rate)
-        products = correlations(fast.poles, left, rate)
-        change = np.abs(best_gains(fast.poles, left, rate, products) - expected)
-        losses = -2 * fast.decays / rate
+        slow_gains = slow_modes.gains[segment.rows] * np.exp(slow_modes.poles * start / rate)
+        left = samples_in_window - samples(slow_modes.poles, slow_gains, length, rate)
+        expected_gains = fast_modes.gains[segment.rows] * np.exp(fast_modes.poles * start / rate)
+        products = correlations(fast_modes.poles, left, rate)
+        change = np.abs(best_gains(fast_modes.poles, left, rate, products) - expected_gains)
+        losses = -2 * fast_modes.decays / rate
         powers = np.expm1(losses * length) / np.expm1(losses)
-        alone, sizes = 2 * np.abs(products) / powers, np.abs(expected)
-        squares = np.square([sizes, alone, change, np.maximum(sizes - alone, 0.0), sizes])
+        lone_sizes, sizes = 2 * np.abs(products) / powers, np.abs(expected_gains)
+        squares = np.square([sizes, lone_sizes, change, np.maximum(sizes - lone_sizes, 0.0), sizes])
         squares[3:] *= powers / 4
         sums += (squares / np.maximum(floor[segment.rows], 1e-300)).sum(axis=1)
     return sums
 
 
-def vague(
+def find_vague(
     segments: Sequence[Segment], frequencies: Array, decays: Array, errors: tuple[Array, Array]
 ) -> Mask:
     """Return which modes (M,) are known to 30 % at best.
@@ -281,80 +300,87 @@ def vague(
     `errors` are those of their frequencies, Hz, and decay rates, 1/s. A decay is known as well as
     its half-power bandwidth d / pi, which no take shows finer than 1 Hz over its length in s.
     """
-    finest = np.pi / max(segment.duration for segment in segments)
-    unsure = errors[1] >= _UNKNOWN * np.maximum(decays, finest)
-    return unsure | (errors[0] >= _UNKNOWN * frequencies)
+    min_width = np.pi / max(segment.duration for segment in segments)
+    is_unsure = errors[1] >= _MAX_RELATIVE_ERROR * np.maximum(decays, min_width)
+    return is_unsure | (errors[0] >= _MAX_RELATIVE_ERROR * frequencies)
 
 
-def constant(take: Take) -> bool:
+def is_constant(take: Take) -> bool:
     """Return whether a take is as loud all the time, by blocks of whole periods of 50 and 60 Hz."""
-    size = round(_LATE * take.sample_rate)
+    size = round(_LATE_TIME * take.sample_rate)
     count = take.samples.shape[1] // size
     if count < 5:
         return False
     blocks = (take.samples[:, : count * size].reshape(-1, count, size) ** 2).sum(axis=(0, 2))
-    return _decibels(float(blocks.max()), float(blocks.min())) < _STILL
+    return _decibels(float(blocks.max()), float(blocks.min())) < _MAX_LEVEL_RANGE
 
 
-def unexplained(take: Take, hits: Sequence[Hit]) -> float:
+def energy_before_hits(take: Take, hits: Sequence[Hit]) -> float:
     """Return the energy of a take before its first hit, unless that is the quiet of a lead-in."""
     if not hits or lead_in(take, hits).shape[1]:
         return 0.0
     return float((take.samples[:, : hits[0].onset] ** 2).sum())
 
 
-def of_other_objects(rows: Sequence[Row], heard: Exponentials) -> Iterator[str]:
-    """Yield the takes that share hardly any of their energy's modes with the first ones."""
+def notes_on_other_objects(rows: Sequence[Row], exponentials: Exponentials) -> Iterator[str]:
+    """Yield a note on takes whose energy is in other modes than that of the first takes."""
     takes = np.array([row.take for row in rows])
-    energies = np.abs(heard.gains) ** 2 / np.maximum(heard.decays, _SLOWEST)
-    own = np.array([energies[takes == take].sum(axis=0) for take in np.unique(takes)])
-    own /= np.maximum(own.sum(axis=1, keepdims=True), 1e-300)
-    shared = np.array([np.minimum(one, own).sum(axis=1) for one in own])
-    _, group = connected_components(shared > _SHARED)
+    energies = np.abs(exponentials.gains) ** 2 / np.maximum(exponentials.decays, _MIN_DECAY)
+    energy_profiles = np.array([energies[takes == take].sum(axis=0) for take in np.unique(takes)])
+    energy_profiles /= np.maximum(energy_profiles.sum(axis=1, keepdims=True), 1e-300)
+    shared = np.array([np.minimum(one, energy_profiles).sum(axis=1) for one in energy_profiles])
+    _, group = connected_components(shared > _MIN_COMMON_FRACTION)
     others = np.flatnonzero(group != group[0])
     if others.size:
-        numbers = ", ".join(str(each + 1) for each in np.unique(takes)[others][:_FEW])
-        most = 100 * shared[np.ix_(group == group[0], others)].max()
+        numbers = ", ".join(
+            str(number + 1) for number in np.unique(takes)[others][:_MAX_NAMED_TAKES]
+        )
+        max_percentage = 100 * shared[np.ix_(group == group[0], others)].max()
         yield (
-            f"at most {most:.1f} % of the sound is common to take 1 and take {numbers}: they may "
-            "be of two objects; fit each by itself"
+            f"at most {max_percentage:.1f} % of the sound is common to take 1 and take {numbers}: "
+            "they may be of two objects; fit each separately"
         )
 
 
 # Further hits of a take. A splice, a gust of noise or the end of a note rises in many bands, too. A
-# hit brings energy of its own; one that brings little has to prove itself: with gains of its own
-# the fit must leave less than these cost (Schwarz 1978).
+# hit adds energy; one that adds little is tested: separate gains must reduce the residual by more
+# than they cost (Schwarz 1978).
 
-_NEAR = 0.02  # s before and after a hit
-_ADDED = 2.0  # least power ratio of a hit that needs no proof
+_POWER_WINDOW = 0.02  # s before and after a hit
+_MIN_POWER_RATIO = 2.0  # least power ratio of a hit that needs no proof
 
 
-def doubtful(take: Take, hits: Sequence[Hit]) -> list[Hit]:
+def find_doubtful(take: Take, hits: Sequence[Hit]) -> list[Hit]:
     """Return the hits after the first that do not double the power."""
-    size = round(_NEAR * take.sample_rate)
+    size = round(_POWER_WINDOW * take.sample_rate)
     energy = (take.samples**2).sum(axis=0)
     return [
         hit
         for hit in hits[1:]
         if energy[hit.start : hit.start + size].sum()
-        < _ADDED * energy[max(hit.onset - size, 0) : hit.onset].sum()
+        < _MIN_POWER_RATIO * energy[max(hit.onset - size, 0) : hit.onset].sum()
     ]
 
 
-def proven(with_it: Sequence[Array], without: Sequence[Array], modes: int) -> bool:
+def is_proven(
+    residuals_with: Sequence[Array], residuals_without: Sequence[Array], modes: int
+) -> bool:
     """Return whether residuals (C, n) with a hit are less than without by more than its gains cost.
 
     By the Bayesian information criterion, of two real gains for each mode and channel, and as many
     values as a residual of its bandwidth has that are independent.
     """
-    before, after = (sum(float((each**2).sum()) for each in left) for left in (without, with_it))
-    values = sum(map(_independent, without))
-    cost = 2 * modes * len(with_it) * np.log(max(values, 2.0))
-    return values * np.log(max(before, 1e-300) / max(after, 1e-300)) > cost
+    energy_without, energy_with = (
+        sum(float((residual**2).sum()) for residual in left)
+        for left in (residuals_without, residuals_with)
+    )
+    values = sum(map(_count_independent, residuals_without))
+    cost = 2 * modes * len(residuals_with) * np.log(max(values, 2.0))
+    return values * np.log(max(energy_without, 1e-300) / max(energy_with, 1e-300)) > cost
 
 
-def _independent(left: Array) -> float:
+def _count_independent(left: Array) -> float:
     """Return the number of independent values: twice the bandwidth times the duration."""
     powers = (np.abs(np.fft.rfft(left)) ** 2).sum(axis=0)
-    # Of white noise the squares of powers have twice the squared mean.
+    # The squared powers of white noise have twice the squared mean power.
     return float(left.size * 2 * powers.mean() ** 2 / max((powers**2).mean(), 1e-300))
