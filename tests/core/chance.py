@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from struck import core as binding
-from struck.ears.delay_lines import READ, between, hear
+from struck.ears.delay_lines import READ, hear, interpolation_kernel
 from struck.excitation.excitation import Push
 from struck.excitation.friction import Levels, Reader, Rubbed, add_reading
 from struck.excitation.roughness import Roughness
@@ -24,7 +24,7 @@ from struck.model.mesh import Mesh
 from struck.radiation.boundary_elements import BoundaryElements
 from struck.recordings.noise import Noise
 from struck.recordings.poles.normal_equations import add_unique, take_turns
-from struck.recordings.poles.refinement import blocks_around, overlapping
+from struck.recordings.poles.refinement import blocks_around, find_groups
 from struck.recordings.poles.uncertainty import pole_statistics
 from struck.recordings.segments import Segment
 from struck.shapes.bessel_series import series, series_slope
@@ -88,7 +88,7 @@ def ears(random: Random, blocks: int = 4) -> Iterator[Single]:
         heard = np.zeros((heard_by, block), np.float32)
         before, after = random.standard_normal((2, paths, taps)).astype(np.float32)
         hear(
-            *(np.concatenate([line, line], axis=1), now, between()),
+            *(np.concatenate([line, line], axis=1), now, interpolation_kernel()),
             *(random.integers(lines, size=paths), random.integers(heard_by, size=paths)),
             *(
                 random.uniform(0, half - block - READ, (paths, 3)),
@@ -234,7 +234,7 @@ def fitted(random: Random) -> Iterator[Array]:
         segments.append(Segment.of(heard, 8000, noise, row))
         row += channels
     gains = random.standard_normal((row, count)) + 1j * random.standard_normal((row, count))
-    blocks = blocks_around(segments, poles, overlapping(poles, 0.3, random.uniform(0.001, 0.5)))
+    blocks = blocks_around(segments, poles, find_groups(poles, 0.3, random.uniform(0.001, 0.5)))
     start, keep = poles[blocks.members], bool(random.integers(2))
     yield from (
         np.ascontiguousarray(each).view(np.float64)
@@ -285,7 +285,7 @@ def called_back(random: Random, keep: Keep = lambda array: array) -> Iterator[Si
 
 def _ears_memory(random: Random, lines: int, block: int, keep: Keep) -> tuple[Any, Any]:
     paths, taps, listening = lines * 2, 8 * int(random.integers(1, 4)), 2
-    table, half = between(), 256
+    table, half = interpolation_kernel(), 256
     arrays = {
         "line": np.zeros((lines, 2 * half), np.float32),
         "between": table,

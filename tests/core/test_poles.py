@@ -14,7 +14,7 @@ from struck.recordings.noise import Noise
 from struck.recordings.poles import normal_equations, uncertainty
 from struck.recordings.poles.normal_equations import add_unique, take_turns
 from struck.recordings.poles.projection import GroupBlocks
-from struck.recordings.poles.refinement import blocks_around, overlapping
+from struck.recordings.poles.refinement import blocks_around, find_groups
 from struck.recordings.poles.uncertainty import pole_statistics
 from struck.recordings.segments import Segment
 
@@ -43,7 +43,7 @@ def rung(seed: int) -> tuple[list[Segment], Exponentials]:
 def results(seed: int) -> dict[str, AnyArray]:
     """Return all that the loops write, by name."""
     segments, modes = rung(seed)
-    groups = overlapping(modes.poles, 0.75, 0.02)
+    groups = find_groups(modes.poles, 0.75, 0.02)
     blocks = blocks_around(segments, modes.poles, groups)
     start = modes.poles[blocks.members]
     tried = take_turns(blocks, modes.poles, modes.gains, start + 1, blocks.starts, 2, keep=False)
@@ -107,7 +107,7 @@ def test_what_the_work_space_held_before_does_not_matter(monkeypatch: pytest.Mon
 def test_nor_where_the_residual_is_beyond_all_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
     spoil_work_space(monkeypatch)
     segments, modes = rung(1)
-    blocks = blocks_around(segments, modes.poles, overlapping(modes.poles, 0.75))
+    blocks = blocks_around(segments, modes.poles, find_groups(modes.poles, 0.75))
     loud, start = blocks._replace(data=blocks.data * 1e200), modes.poles[blocks.members]
     options = {"steps": 3, "keep": False}
     moved, own, costs, _ = take_turns(

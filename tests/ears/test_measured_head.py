@@ -14,9 +14,9 @@ from struck.ears.measured_head import (
     HrtfSet,
     MeasuredFilters,
     MeasuredHead,
-    aligned,
-    bundled,
+    align,
     prepare,
+    read_bundled,
 )
 from struck.ears.sphere import arrival_delay, distance_gain
 from struck.errors import OptionError
@@ -31,7 +31,7 @@ MIDDLE = np.arange(500.0, 8001.0, 10.0)
 
 @pytest.fixture(scope="module")
 def kemar() -> MeasuredFilters:
-    return prepare(bundled("kemar"), RATE)
+    return prepare(read_bundled("kemar"), RATE)
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +86,7 @@ def at(azimuth: float, elevation: float = 0.0) -> Array:
 
 def test_the_bundle_is_the_file(raw: tuple[Array, Array, Array]) -> None:
     directions, responses, _ = raw
-    bundle = bundled("kemar")
+    bundle = read_bundled("kemar")
     rows = np.argmax(directions @ bundle.directions.T, axis=1)
     np.testing.assert_allclose(bundle.directions[rows], directions, atol=1e-12)
     assert np.array_equal(bundle.responses[rows], responses[:, :, 20:420])
@@ -118,7 +118,7 @@ def test_levels_are_the_sets_own(kemar: MeasuredFilters, raw: tuple[Array, Array
 
 @pytest.mark.parametrize("every", [5, pytest.param(1, marks=pytest.mark.prove)])
 def test_levels_of_all_directions_are_the_sets_own(kemar: MeasuredFilters, every: int) -> None:
-    bundle = bundled("kemar")
+    bundle = read_bundled("kemar")
     own = spectra(bundle.responses[::every], 44100, MIDDLE) * kemar.gain
     ours = heard(kemar, bundle.directions[::every], 1.4, MIDDLE)
     off = np.abs(third_octaves(ours) - third_octaves(own))
@@ -129,7 +129,7 @@ def test_levels_of_all_directions_are_the_sets_own(kemar: MeasuredFilters, every
 @pytest.mark.prove
 @pytest.mark.parametrize("rate", [16_000.0, pytest.param(RATE, marks=pytest.mark.prove)])
 def test_directions_left_out_are_met_from_their_neighbours(rate: float) -> None:
-    bundle = bundled("kemar")
+    bundle = read_bundled("kemar")
     out = np.zeros(710, dtype=bool)
     out[np.random.default_rng(1).choice(710, 71, replace=False)] = True
     fewer = prepare(without(bundle, out), rate)
@@ -215,7 +215,7 @@ def test_sound_comes_to_the_nearer_ear_as_on_a_sphere(kemar: MeasuredFilters) ->
 
 def test_low_frequencies_have_the_level_of_the_free_field(kemar: MeasuredFilters) -> None:
     low = np.arange(200.0, 501.0, 50.0)
-    found = heard(kemar, bundled("kemar").directions, 1.4, low)
+    found = heard(kemar, read_bundled("kemar").directions, 1.4, low)
     assert abs(np.mean(10 * np.log10(np.mean(np.abs(found) ** 2, axis=(0, 1))))) < 1.5
 
 
@@ -273,7 +273,7 @@ def test_nothing_jumps_when_a_source_turns(kemar: MeasuredFilters, way: str) -> 
 
 
 def test_directions_never_measured_stay_within_what_was(kemar: MeasuredFilters) -> None:
-    bundle = bundled("kemar")
+    bundle = read_bundled("kemar")
     _, known = kemar.toward(bundle.directions, np.full(710, 1.4))
     below = np.concatenate([at(a, e) for a in range(0, 360, 7) for e in (-45, -60, -75, -90)])
     delays, guessed = kemar.toward(below, np.full(len(below), 1.4))
@@ -305,7 +305,7 @@ def test_of_more_directions_than_nodes_the_nearest_are_kept() -> None:
     many = np.random.default_rng(4).normal(size=(500, 3))
     many /= np.linalg.norm(many, axis=1, keepdims=True)
     nodes = np.concatenate([np.eye(3), -np.eye(3)])
-    kept = aligned(plain(many), 16000.0, nodes).directions
+    kept = align(plain(many), 16000.0, nodes).directions
     nearest = many[np.argmax(nodes @ many.T, axis=1)]
     assert {tuple(row) for row in kept} == {tuple(row) for row in nearest}
 

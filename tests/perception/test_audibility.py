@@ -14,7 +14,7 @@ from struck.model.contact import Place
 from struck.model.damping import Rayleigh
 from struck.model.model import ModalModel
 from struck.perception import audibility
-from struck.perception.audibility import _of_modes, audible, budgeted
+from struck.perception.audibility import _select_modes, audible, budgeted
 from struck.perception.sonic_distance import (
     HeardModel,
     band_excess,
@@ -163,7 +163,7 @@ def test_a_budget_of_modes_keeps_the_sonic_distance_that_it_states(modes: int) -
     distances = [struck.sonic_distance(whole, few, at=point) for point in some]
     assert 0.3 * stated < max(distances) <= stated
     # The first modes, as many, are further off at most of the contacts.
-    first = _of_modes(whole, np.arange(modes), np.ones(modes), "lie higher")
+    first = _select_modes(whole, np.arange(modes), np.ones(modes), "lie higher")
     others = [struck.sonic_distance(whole, first, at=point) for point in some]
     assert np.median(distances) < np.median(others)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from struck.files.sound import Sound
-from struck.recordings.acceptance import MARGIN, Bounds, TakeVerdict, examined
+from struck.recordings.acceptance import MARGIN, Bounds, TakeVerdict, examine_take
 from tests.recordings.hits import LEAD_IN, ONSET, RATE, SECONDS, clip, end_early, hit
 
 Change = Callable[[np.ndarray], np.ndarray]
@@ -17,7 +17,7 @@ Change = Callable[[np.ndarray], np.ndarray]
 
 def judged(samples: np.ndarray, bounds: Bounds | None = None) -> TakeVerdict:
     sound = Sound(samples=samples.astype(np.float32), sample_rate=RATE)
-    return examined(
+    return examine_take(
         sound,
         lead_in=LEAD_IN,
         seconds=SECONDS,

@@ -14,7 +14,7 @@ from struck.recordings.corbett2007 import (
     audible,
     fit_corbett2007,
     inaudible_difference,
-    merged,
+    merge_modes,
     residues,
     steiglitz_mcbride,
 )
@@ -136,7 +136,7 @@ def test_frequencies_merge_up_to_the_inaudible_difference(
     for share, count in ((0.999, 1), (1.001, 2)):
         for sign in (-1, 1):
             other = frequency + sign * share * difference
-            both = merged([single(frequency, 2.0, 1.0), single(other, 9.0, 0.1j)])
+            both = merge_modes([single(frequency, 2.0, 1.0), single(other, 9.0, 0.1j)])
             assert len(both.frequencies) == count
     assert both.gains.shape == (2, 2)
 
@@ -148,7 +148,7 @@ def single(frequency: float, decay: float, gain: complex) -> SharedModes:
 
 
 def test_merged_modes_have_the_mean_frequency_and_the_decay_of_the_loudest() -> None:
-    both = merged([single(500.0, 9.0, 0.1), single(503.0, 2.0, -1j)])
+    both = merge_modes([single(500.0, 9.0, 0.1), single(503.0, 2.0, -1j)])
     assert both.frequencies.tolist() == [501.5]
     assert both.decays.tolist() == [2.0]
     assert both.gains.tolist() == [[0.1], [-1j]]
@@ -160,9 +160,9 @@ def test_modes_of_one_recording_never_merge() -> None:
         decays=np.array([2.0, 3.0]),
         gains=np.array([[1.0, 0.5]], complex),
     )
-    alone = merged([pair])
+    alone = merge_modes([pair])
     assert alone.frequencies.tolist() == [500.0, 500.5]
-    both = merged([pair, single(500.6, 4.0, 0.2)])
+    both = merge_modes([pair, single(500.6, 4.0, 0.2)])
     assert len(both.frequencies) == 2
     assert both.gains[1].tolist() == [0.2, 0]  # the stronger one takes its pick first
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from struck.recordings.gain_table import aligned, averaged
+from struck.recordings.gain_table import align_hits, average_pairs
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -39,7 +39,7 @@ def test_hits_of_a_contact_lose_their_strengths_and_moments() -> None:
     gains = np.concatenate([one, softer])
     hits, listeners = np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1])
     contacts = np.zeros(4, int)
-    found, errors = aligned(gains, small(gains), hits, contacts, listeners, POLES)
+    found, errors = align_hits(gains, small(gains), hits, contacts, listeners, POLES)
     assert found[2:] == pytest.approx(found[:2], rel=0.01)
     assert np.abs(found[0]) == pytest.approx(np.abs(one[0]), rel=0.01)
     assert errors[2] == pytest.approx(1e-3 / (0.4 * fall), rel=1e-2)
@@ -50,7 +50,7 @@ def test_moments_of_other_contacts_are_told_by_real_drives() -> None:
     delays = np.array([0.0, 4e-5, -6e-5, 2e-5, -9e-5])
     gains = late(drives * outputs[0], delays)
     places = np.arange(5)
-    found, _ = aligned(gains, small(gains), places, places, np.zeros(5, int), POLES)
+    found, _ = align_hits(gains, small(gains), places, places, np.zeros(5, int), POLES)
     ratios = found / found[0]
     assert np.abs(ratios.imag).max() < 0.01
     assert ratios.real == pytest.approx(drives / drives[0], rel=0.01)
@@ -63,7 +63,7 @@ def test_the_usual_moment_counts_not_that_of_the_loudest() -> None:
     true = drives * outputs[0]
     gains = late(true, delays)
     places = np.arange(5)
-    found, _ = aligned(gains, small(gains), places, places, np.zeros(5, int), POLES)
+    found, _ = align_hits(gains, small(gains), places, places, np.zeros(5, int), POLES)
     assert found == pytest.approx(true, abs=0.02)
 
 
@@ -71,7 +71,7 @@ def test_hits_without_anything_in_common_stay_as_they_are() -> None:
     drives, outputs = drawn(4, 2, 2)
     gains = drives * outputs
     places = np.arange(2)
-    found, errors = aligned(gains, small(gains), places, places, places, POLES)
+    found, errors = align_hits(gains, small(gains), places, places, places, POLES)
     assert np.array_equal(found, gains)
     assert np.array_equal(errors, small(gains))
 
@@ -79,13 +79,13 @@ def test_hits_without_anything_in_common_stay_as_they_are() -> None:
 def test_silence_tells_nothing() -> None:
     gains = np.zeros((2, 7), complex)
     zeros = np.zeros(2, int)
-    found, _ = aligned(gains, small(gains), np.arange(2), zeros, zeros, POLES)
+    found, _ = align_hits(gains, small(gains), np.arange(2), zeros, zeros, POLES)
     assert not found.any()
 
 
 def test_means_weigh_by_what_is_known() -> None:
     gains = np.array([[1.0 + 0j], [4.0], [7j]])
-    pairs, mean, error = averaged(
+    pairs, mean, error = average_pairs(
         gains, np.array([[1.0], [0.5], [2.0]]), np.array([[0, 0], [0, 0], [1, 0]])
     )
     assert pairs.tolist() == [[0, 0], [1, 0]]
@@ -103,7 +103,7 @@ def test_modes_beyond_the_clear_ones_follow_the_highest_of_them() -> None:
         one = np.where(tones < 1000, 1.0, 1e-3) * np.exp(2j * np.pi * chance.random(7))
         other = 0.5 * one * np.exp(chance.normal(0, 0.05, 7))
         gains = np.stack([one, other])
-        found, errors = aligned(gains, small(gains), np.arange(2), zeros, zeros, poles)
+        found, errors = align_hits(gains, small(gains), np.arange(2), zeros, zeros, poles)
         levels = 20 * np.log10(np.abs(found[1] / found[0]))
         assert np.abs(levels).max() < 3
         assert np.abs(errors[1] / 2e-3 - 1).max() < 0.5
@@ -115,7 +115,7 @@ def test_hits_in_which_nothing_is_clear_still_lose_their_strength() -> None:
     gains = np.stack([one, 0.05 * one])
     errors = np.stack([np.full(7, 1e-3), np.full(7, 0.3)])
     zeros = np.zeros(2, int)
-    found, _ = aligned(gains, errors, np.arange(2), zeros, zeros, POLES)
+    found, _ = align_hits(gains, errors, np.arange(2), zeros, zeros, POLES)
     assert np.linalg.norm(found[1]) == pytest.approx(np.linalg.norm(found[0]), rel=1e-6)
 
 
@@ -125,6 +125,6 @@ def test_the_clearest_hit_leads_not_the_loudest() -> None:
     gains = np.stack([5 * one, one])
     errors = np.stack([np.full(7, 10.0), np.full(7, 1e-4)])
     zeros = np.zeros(2, int)
-    found, _ = aligned(gains, errors, np.arange(2), zeros, zeros, POLES)
+    found, _ = align_hits(gains, errors, np.arange(2), zeros, zeros, POLES)
     assert found[1] == pytest.approx(one)
     assert np.linalg.norm(found[0]) == pytest.approx(np.linalg.norm(one), rel=1e-6)

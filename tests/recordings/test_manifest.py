@@ -13,7 +13,13 @@ from hypothesis import strategies as some
 
 from struck.errors import FileFormatError, RecordingError
 from struck.model.survey import Survey, from_spherical
-from struck.recordings.manifest import Manifest, ManifestEntry, TomlTable, _from_toml, read_manifest
+from struck.recordings.manifest import (
+    Manifest,
+    ManifestEntry,
+    TomlTable,
+    _manifest_of_table,
+    read_manifest,
+)
 
 FILES = ("a.wav", "b.wav", "c.wav")
 
@@ -215,7 +221,7 @@ def written(
 
 def same_again(manifest: Manifest) -> None:
     table = TomlTable(tomllib.loads(manifest.text()), "m.toml")
-    again = _from_toml(manifest.path, table)
+    again = _manifest_of_table(manifest.path, table)
     for name in ("entries", "coordinates", "centre", "symmetry"):
         assert getattr(again, name) == getattr(manifest, name)
 

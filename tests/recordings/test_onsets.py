@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from struck.recordings.onsets import clipped, find_hits, hit_at
+from struck.recordings.onsets import find_clipped, find_hits, hit_at
 from struck.recordings.poles.search import fit_poles
 from struck.recordings.takes import Take
 from tests.recordings.scenes import (
@@ -158,7 +158,7 @@ def test_tops_of_high_tones_are_clipped_in_less_than_four_samples() -> None:
 
     def found(samples: np.ndarray) -> int:
         rounded = np.round(32_767 * samples) / 32_768  # 16 bits
-        return int(clipped(Take(samples=rounded, sample_rate=48_000)).sum())
+        return int(find_clipped(Take(samples=rounded, sample_rate=48_000)).sum())
 
     assert found(np.clip(3 * tone, -1, 1)) > 1000
     assert found(np.clip(1.5 * tone, -0.8, 0.8)) > 200

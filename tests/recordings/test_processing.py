@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 
 from struck.errors import RecordingError
-from struck.recordings.disturbances import lossy, processed
+from struck.recordings.disturbances import measure_loss, note_processing
 from struck.recordings.onsets import find_hits, findings
 from struck.recordings.poles.search import fit_poles
 from struck.recordings.takes import Take
@@ -53,7 +53,7 @@ def coded(samples: Array, kilobits: int) -> Array:
 
 @pytest.mark.parametrize(("name", "told"), [("tap.OGG", 1), ("tap.opus", 1), ("tap.flac", 0)])
 def test_files_of_a_coder_are_noted_by_their_ending(name: str, told: int) -> None:
-    notes = list(processed(Take(samples=struck_body(0)[None], sample_rate=RATE, name=name)))
+    notes = list(note_processing(Take(samples=struck_body(0)[None], sample_rate=RATE, name=name)))
     assert len(notes) == told
     assert all(f"{name} was coded with loss" in note for note in notes)
     assert all("as its ending says" in note for note in notes)
@@ -62,9 +62,9 @@ def test_files_of_a_coder_are_noted_by_their_ending(name: str, told: int) -> Non
 @SEEDS
 def test_coded_takes_are_noted_as_lossy(seed: int) -> None:
     clean = struck_body(seed)
-    assert lossy(coded(clean, 128), RATE)
-    assert lossy(coded(clean, 64), RATE)
-    assert lossy(np.round(32767 * coded(clean, 64)) / 32767, RATE)  # saved in 16 bits
+    assert measure_loss(coded(clean, 128), RATE)
+    assert measure_loss(coded(clean, 64), RATE)
+    assert measure_loss(np.round(32767 * coded(clean, 64)) / 32767, RATE)  # saved in 16 bits
 
 
 @SEEDS
@@ -72,7 +72,7 @@ def test_uncoded_and_low_passed_takes_are_not(seed: int) -> None:
     clean = struck_body(seed)
     low = sosfilt(butter(8, 16000, fs=RATE, output="sos"), clean)
     for each in (clean, low, np.round(32767 * low) / 32767):
-        assert not lossy(each, RATE)
+        assert not measure_loss(each, RATE)
 
 
 @pytest.mark.prove
@@ -80,16 +80,16 @@ def test_uncoded_and_low_passed_takes_are_not(seed: int) -> None:
 def test_other_sounds_are_not(make: object) -> None:
     chance = default_rng(1)
     sound = make(chance)  # type: ignore[operator]
-    assert not lossy(sound + 1e-5 * chance.standard_normal(len(sound)), RATE)
+    assert not measure_loss(sound + 1e-5 * chance.standard_normal(len(sound)), RATE)
 
 
 def test_beating_pairs_and_silence_are_not() -> None:
     times = np.arange(2 * RATE) / RATE
     pairs = [np.sin(2 * np.pi * (f + df) * times) for f in (800, 3000, 9000) for df in (0, 20)]
     noise = 1e-4 * default_rng(0).standard_normal(len(times))
-    assert not lossy(np.exp(-3 * times) * np.sum(pairs, axis=0) + noise, RATE)
-    assert not lossy(np.zeros(RATE), RATE)
-    assert not lossy(np.ones(10), RATE)
+    assert not measure_loss(np.exp(-3 * times) * np.sum(pairs, axis=0) + noise, RATE)
+    assert not measure_loss(np.zeros(RATE), RATE)
+    assert not measure_loss(np.ones(10), RATE)
 
 
 @SEEDS
@@ -104,7 +104,7 @@ def test_hits_that_fall_silent_in_between_are_not(seed: int) -> None:
         place = round(begin * RATE)
         sound[place : place + len(hit)] += chance.uniform(0.5, 1) * hit
     sound += 20 * np.sin(2 * np.pi * 150 * np.arange(len(sound)) / RATE)
-    assert not lossy(sound / np.abs(sound).max(), RATE)
+    assert not measure_loss(sound / np.abs(sound).max(), RATE)
 
 
 def test_a_coder_that_leaves_few_holes_is_only_supposed() -> None:
@@ -160,6 +160,6 @@ def test_a_take_of_a_tenth_of_a_second_is_told_what_it_lacks() -> None:
 @pytest.mark.skipif(not RECORDINGS.is_dir(), reason="recordings are not beside the checkout")
 def test_no_real_take_is_accused() -> None:
     takes = [Take.load(path) for path in sorted(RECORDINGS.glob("**/*.wav"))]
-    accused = [each.name for each in takes if lossy(each.samples[0], each.sample_rate)]
+    accused = [each.name for each in takes if measure_loss(each.samples[0], each.sample_rate)]
     assert not accused
     assert not any("repeats" in note for each in takes for note in findings(each, find_hits(each)))

@@ -13,7 +13,7 @@ from scipy.signal import butter, sosfilt
 import struck
 from struck import InternalFriction, Strike
 from struck.recordings.fit import Fitting, fit_recordings
-from struck.recordings.residual_sound import band_energies, ear_bands, loudest, one_strike
+from struck.recordings.residual_sound import band_energies, ear_bands, loudest_row, one_strike
 from struck.recordings.takes import Take
 from tests.recordings.strings import ONSET, RATE, hit, noise, ringing, take
 from tests.recordings.strings import gains as gains_at
@@ -119,7 +119,7 @@ def test_real_takes_are_as_loud_in_every_band(
     """Of the first half second, bands within 50 dB of the loudest that stand out of the noise."""
     take = load(name)
     made = fit_recordings(take, modes=64, residual=True, force=True, cache=False)
-    row = loudest(made.fitted)
+    row = loudest_row(made.fitted)
     what, rate = made.fitted.rows[row], take.sample_rate
     segment, _ = made.fitted.samples_and_model(row)
     first = round(what.onset * rate)

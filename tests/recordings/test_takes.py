@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from struck.errors import FileFormatError, MissingDependencyError, RecordingError
 from struck.files import wav
 from struck.files.sound import Sound
-from struck.recordings.onsets import clipped, find_hits, findings, lead_in
+from struck.recordings.onsets import find_clipped, find_hits, findings, lead_in
 from struck.recordings.takes import Take, require_one_rate
 
 RATE = 44100
@@ -141,10 +141,10 @@ def test_a_good_take_has_no_findings() -> None:
 def test_clipped_samples_are_found_at_full_scale_and_below() -> None:
     loud = 2.6 * rung()
     for limit in (1.0, 0.7):
-        flat = clipped(take(np.clip(loud, -limit, limit)))
+        flat = find_clipped(take(np.clip(loud, -limit, limit)))
         assert flat.sum() > 50
         assert np.abs(loud[flat]).min() >= limit
-    assert not clipped(take(rung())).any()
+    assert not find_clipped(take(rung())).any()
     assert "is clipped" in told(np.clip(loud, -1, 1))
 
 

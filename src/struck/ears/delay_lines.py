@@ -24,7 +24,7 @@ _GROUP = 8  # taps are padded to a multiple
 
 
 @cache
-def between() -> Single:
+def interpolation_kernel() -> Single:
     """Return the weights (257, 32) of `READ` samples for places between two of them.
 
     A sinc under Kaiser's window: true to -85 dB up to 0.4 of the sample rate (Laakso et al. 1996).
@@ -96,7 +96,14 @@ class DelayLines:
         copies[:, :, : max(0, start + count - half)] = samples[:, None, half - start :]
         output = np.zeros((ears, count), np.float32)
         hear(
-            *(self._lines, self._now, between(), paths.lines, paths.ears, paths.delays),
+            *(
+                self._lines,
+                self._now,
+                interpolation_kernel(),
+                paths.lines,
+                paths.ears,
+                paths.delays,
+            ),
             *(paths.gains, self._padded(paths.before), self._padded(paths.after)),
             *(since, paths.stretch, self._history, output),
         )
@@ -134,7 +141,7 @@ def hear(
     block_start : int
         Number of the block's first sample.
     kernel : array (S + 1, READ)
-        Interpolation weights, as the function `between` returns them.
+        Interpolation weights, as `interpolation_kernel` returns them.
     line_of : array (P,)
         Line that each path reads.
     ear_of : array (P,)

@@ -67,11 +67,11 @@ class Head(Protocol):
         ...
 
 
-def require_rate(sample_rate: float, highest: float) -> None:
+def require_rate(sample_rate: float, max_rate: float) -> None:
     """Raise OptionError on a sample rate, Hz, for which no head can be prepared."""
-    if not LOWEST_RATE <= sample_rate <= highest:
+    if not LOWEST_RATE <= sample_rate <= max_rate:
         raise OptionError(
-            f"sample_rate {sample_rate:g} Hz must be between {LOWEST_RATE:g} and {highest:g} Hz; "
+            f"sample_rate {sample_rate:g} Hz must be between {LOWEST_RATE:g} and {max_rate:g} Hz; "
             "48000 Hz is enough for ears"
         )
 
@@ -181,7 +181,7 @@ class SimpleHead:
     def prepared(self, sample_rate: float) -> Filters:
         """Return the head's filters (kept, once made); OptionError outside 4 to 384 kHz."""
         require_rate(sample_rate, _HIGHEST_RATE)
-        return _simple_filters(self.radius)
+        return _make_simple_filters(self.radius)
 
 
 def _require_radius(radius: float) -> None:
@@ -234,30 +234,30 @@ def _sphere_filters(radius: float, ear_angle: float, sample_rate: float) -> Tabu
 
 @lru_cache(maxsize=8)
 def _woodworth_filters(radius: float, sample_rate: float) -> TabulatedFilters:
-    table = _tabulated(arrival_delay(ANGLES, None, radius), _shadow(radius, sample_rate))
+    table = _make_table(arrival_delay(ANGLES, None, radius), _shadow(radius, sample_rate))
     return TabulatedFilters(_ears(90), radius, np.tile(table, (KNOTS, 1)))
 
 
 @lru_cache(maxsize=8)
-def _simple_filters(radius: float) -> TabulatedFilters:
-    table = _tabulated(arrival_delay(ANGLES, None, radius), np.ones((STEPS + 1, 1)))
+def _make_simple_filters(radius: float) -> TabulatedFilters:
+    table = _make_table(arrival_delay(ANGLES, None, radius), np.ones((STEPS + 1, 1)))
     return TabulatedFilters(_ears(90), radius, np.tile(table, (KNOTS, 1)))
 
 
-def _tabulated(delays: Array, responses: Array) -> Array:
+def _make_table(delays: Array, responses: Array) -> Array:
     """Join delays and responses over ANGLES, mirrored beyond both ends for the cubics."""
     return np.pad(np.column_stack([delays, responses]), ((1, 2), (0, 0)), mode="reflect")
 
 
 def _sphere_table(radius: float, sample_rate: float, distance: float) -> Array:
     """Return the table of one distance: the series' responses from the arrival on."""
-    delays = _rounded_arrival(radius, distance) - LEAD / sample_rate
+    delays = _arrival_with_round_corner(radius, distance) - LEAD / sample_rate
     size = 2 ** math.ceil(math.log2(SPECTRUM * radius / HEAD_RADIUS * sample_rate + 4 * LEAD))
     frequencies = np.arange(size // 2 + 1) * sample_rate / size
     spectra = pressure(frequencies, ANGLES, distance, radius)
     spectra *= np.exp(2j * np.pi * np.outer(frequencies, delays))
     spectra *= fading(frequencies / sample_rate, PASS, 0.5)[:, None]
-    return _tabulated(delays, _cut(np.fft.irfft(spectra, size, axis=0).T, radius, sample_rate))
+    return _make_table(delays, _cut(np.fft.irfft(spectra, size, axis=0).T, radius, sample_rate))
 
 
 def _cut(responses: Array, radius: float, sample_rate: float) -> Array:
@@ -277,7 +277,7 @@ def _cut(responses: Array, radius: float, sample_rate: float) -> Array:
     return first_taps
 
 
-def _rounded_arrival(radius: float, distance: float) -> Array:
+def _arrival_with_round_corner(radius: float, distance: float) -> Array:
     """Return `arrival_delay` over ANGLES, with its corner opposite to the source rounded.
 
     There, the waves around either side meet, and the pressure is smooth over angle only with a

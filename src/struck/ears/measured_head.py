@@ -60,24 +60,24 @@ def require_set(name: str) -> None:
 
 
 @cache
-def bundled(name: str) -> HrtfSet:
+def read_bundled(name: str) -> HrtfSet:
     """Return a set that comes with struck; OptionError on another name."""
     require_choice("hrtf", name, BUNDLED)
     with (
         resources.files("struck.ears").joinpath(f"{name}.npz").open("rb") as file,
-        np.load(file, allow_pickle=False) as stored,
+        np.load(file, allow_pickle=False) as archive,
     ):
-        left = stored["left"] / _FULL_SCALE
+        left = archive["left"] / _FULL_SCALE
         return HrtfSet(
             name=name,
-            directions=directions_of(stored["azimuths"], stored["elevations"]),
-            distance=float(stored["distance"]),
-            responses=np.stack([left, left[stored["mirrored"]]], axis=1),
-            delays=np.full((len(left), 2), float(stored["start"])),
-            sample_rate=float(stored["sample_rate"]),
+            directions=directions_of(archive["azimuths"], archive["elevations"]),
+            distance=float(archive["distance"]),
+            responses=np.stack([left, left[archive["mirrored"]]], axis=1),
+            delays=np.full((len(left), 2), float(archive["start"])),
+            sample_rate=float(archive["sample_rate"]),
             references=("gardner1994",),
-            source=str(stored["source"]),
-            licence=str(stored["licence"]),
+            source=str(archive["source"]),
+            licence=str(archive["licence"]),
         )
 
 
@@ -119,9 +119,7 @@ class Aligned:
     gain: float  # factor on the set's own level that makes them so
 
 
-def aligned(
-    measured: HrtfSet, sample_rate: float, nodes: Array, lasting: float = LASTING
-) -> Aligned:
+def align(hrtf_set: HrtfSet, sample_rate: float, nodes: Array, lasting: float = LASTING) -> Aligned:
     """Align the responses of a set, bring them to a sample rate and to the free field's level.
 
     If a set has more directions than there are nodes (W, 3), those nearest to nodes are used.
@@ -132,19 +130,19 @@ def aligned(
     is set such that the mean power from 200 to 500 Hz is that on the sphere. Low
     sound that all lose, the loudspeaker's, is made up for.
     """
-    chosen = _chosen(measured.directions, nodes)
-    directions, responses = measured.directions[chosen], measured.responses[chosen]
+    chosen = _chosen(hrtf_set.directions, nodes)
+    directions, responses = hrtf_set.directions[chosen], hrtf_set.responses[chosen]
     parts = np.array_split(responses, math.ceil(responses.size / _MAX_VALUES))
-    onsets = np.concatenate([_onsets(part) for part in parts]) / measured.sample_rate
-    gain = _gain(directions, responses, measured)
-    arrival_times = onsets + measured.delays[chosen]
-    excess_times = arrival_times - arrival_delay(_angles(directions), measured.distance)
+    onsets = np.concatenate([_onsets(part) for part in parts]) / hrtf_set.sample_rate
+    gain = _gain(directions, responses, hrtf_set)
+    arrival_times = onsets + hrtf_set.delays[chosen]
+    excess_times = arrival_times - arrival_delay(_angles(directions), hrtf_set.distance)
     ear_weights = (1 + directions @ EARS.T) / 2  # both add up to one, so no ear takes over at once
     shared = np.sum(excess_times * ear_weights, axis=1, keepdims=True)
     starts = np.array_split(onsets - LEAD, len(parts))
-    settings = measured.sample_rate, sample_rate, lasting
+    settings = hrtf_set.sample_rate, sample_rate, lasting
     resampled_parts = [
-        _sampled(part, start, *settings) for part, start in zip(parts, starts, strict=True)
+        _resample(part, start, *settings) for part, start in zip(parts, starts, strict=True)
     ]
     delays, resampled_responses = (
         arrival_times - shared - LEAD,
@@ -154,7 +152,7 @@ def aligned(
         directions=directions,
         delays=delays,
         responses=resampled_responses
-        + _low_sound(resampled_responses, delays, directions, measured.distance, sample_rate),
+        + _low_sound(resampled_responses, delays, directions, hrtf_set.distance, sample_rate),
         gain=gain,
     )
 
@@ -240,15 +238,15 @@ def _onsets(responses: Array) -> Array:
     )[..., 0]
 
 
-def _gain(directions: Array, responses: Array, measured: HrtfSet) -> float:
+def _gain(directions: Array, responses: Array, hrtf_set: HrtfSet) -> float:
     """Return the factor that makes responses relative to the free field."""
-    mean_power = np.mean(np.abs(_spectra(responses, measured.sample_rate, _LEVEL_BAND)) ** 2)
+    mean_power = np.mean(np.abs(_spectra(responses, hrtf_set.sample_rate, _LEVEL_BAND)) ** 2)
     angles, counts = np.unique(np.round(_angles(directions), 3), return_counts=True)
-    sphere_powers = np.mean(np.abs(pressure(_LEVEL_BAND, angles, measured.distance)) ** 2, axis=0)
+    sphere_powers = np.mean(np.abs(pressure(_LEVEL_BAND, angles, hrtf_set.distance)) ** 2, axis=0)
     return math.sqrt(np.average(sphere_powers, weights=counts) / mean_power)
 
 
-def _sampled(
+def _resample(
     responses: Array, starts: Array, old_rate: float, new_rate: float, lasting: float
 ) -> Array:
     """Return the responses (M, 2, taps) from their starts (s) on, at a new sample rate.
@@ -258,8 +256,10 @@ def _sampled(
     """
     length = 2 * responses.shape[-1] + 2 * math.ceil(lasting * old_rate)
     frequencies = np.arange(length // 2 + 1) * (old_rate / length)
-    highest = min(old_rate, new_rate) / 2
-    spectra = np.fft.rfft(responses, length, axis=-1) * fading(frequencies / highest, _PASS, 1.0)
+    max_frequency = min(old_rate, new_rate) / 2
+    spectra = np.fft.rfft(responses, length, axis=-1) * fading(
+        frequencies / max_frequency, _PASS, 1.0
+    )
     spectra *= np.exp(2j * np.pi * frequencies * starts[..., np.newaxis])
     times = np.arange(round(lasting * new_rate)) / new_rate
     phases = 2 * np.pi * np.outer(frequencies, times)
@@ -367,11 +367,11 @@ def _responses(file: Container) -> Array:
 
 def _sample_rate(file: Container) -> float:
     rates = np.unique(file.numbers("Data.SamplingRate", (1,), file.shape("Data.IR")[:1]))
-    lowest, highest = SAMPLE_RATES
-    if len(rates) != 1 or not lowest <= rates[0] <= highest:
+    min_rate, max_rate = SAMPLE_RATES
+    if len(rates) != 1 or not min_rate <= rates[0] <= max_rate:
         raise FileFormatError(
             f"its sample rate is {', '.join(f'{rate:g}' for rate in rates[:3])} Hz, and one from "
-            f"{lowest:g} to {highest:g} Hz is read: resample it"
+            f"{min_rate:g} to {max_rate:g} Hz is read: resample it"
         )
     return float(rates[0])
 
@@ -464,7 +464,7 @@ class MeasuredHead:
     @checked
     def named(cls, name: str) -> MeasuredHead:
         """Return a head whose responses come with struck: "kemar"; OptionError on another name."""
-        return cls(bundled(name))
+        return cls(read_bundled(name))
 
     @classmethod
     def read(cls, path: str | Path) -> MeasuredHead:
@@ -555,14 +555,14 @@ _NEIGHBOURS = {
 
 
 @lru_cache(maxsize=8)
-def prepare(measured: HrtfSet, sample_rate: float, lasting: float = LASTING) -> MeasuredFilters:
+def prepare(hrtf_set: HrtfSet, sample_rate: float, lasting: float = LASTING) -> MeasuredFilters:
     """Return the filters of a set at a sample rate, each lasting some seconds."""
-    ready = aligned(measured, sample_rate, _nodes(), lasting)
+    ready = align(hrtf_set, sample_rate, _nodes(), lasting)
     taps, near_taps = ready.responses.shape[-1], round(NEAR_LASTING * sample_rate)
     length = next_fast_len(taps + near_taps - 1, real=True)
     return MeasuredFilters(
         grid=_grid(ready, length),
-        near=_near_field(measured.distance, sample_rate, near_taps, length),
+        near=_make_near_table(hrtf_set.distance, sample_rate, near_taps, length),
         taps=taps,
         length=length,
         gain=ready.gain,
@@ -592,7 +592,7 @@ def _table(delays: Array, responses: Array, length: int) -> Single:
 
 
 @lru_cache(maxsize=8)
-def _near_field(reference: float, sample_rate: float, taps: int, length: int) -> Single:
+def _make_near_table(reference: float, sample_rate: float, taps: int, length: int) -> Single:
     """Return the change with distance over heights and angles, mirrored beyond 0 and pi."""
     angles = np.linspace(0, np.pi, NEAR_STEPS + 1)
     frequencies = np.linspace(0, sample_rate / 2, _SPECTRUM + 1)
@@ -600,11 +600,13 @@ def _near_field(reference: float, sample_rate: float, taps: int, length: int) ->
     for distance in (1 + HEIGHTS) * HEAD_RADIUS:
         gains = distance_gain(frequencies, angles, distance, reference).T
         extra_times = arrival_delay(angles, distance) - arrival_delay(angles, reference)
-        table = _table(_both(extra_times), _both(minimum_phase(np.log(gains))[:, :taps]), length)
+        table = _table(
+            _mirror_ears(extra_times), _mirror_ears(minimum_phase(np.log(gains))[:, :taps]), length
+        )
         tables.append(np.pad(table, ((1, 2), (0, 0)), mode="reflect"))
     return np.concatenate(tables)
 
 
-def _both(left: Array) -> Array:
+def _mirror_ears(left: Array) -> Array:
     """Return values (A, ..) over the angle to the left ear for both ears, (A, 2, ..)."""
     return np.stack([left, left[::-1]], axis=1)

@@ -22,9 +22,9 @@ Turning = ArrayLike | tuple[Sequence[float], ArrayLike] | Callable[[float], Arra
 evenly from one to the next and held beyond their ends; or a function of the time in s that returns
 a matrix or a quaternion."""
 
-_SAME = 1e-6  # how far from a rotation a matrix may be
-_UNIT = 1e-2  # how far from 1 the length of a quaternion may be
-_NEAR = 1e-4  # rad, below which a turn is as good as straight
+_MATRIX_TOLERANCE = 1e-6  # how far from a rotation a matrix may be
+_LENGTH_TOLERANCE = 1e-2  # how far from 1 the length of a quaternion may be
+_MIN_ANGLE = 1e-4  # rad, below which a turn is as good as straight
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -69,7 +69,9 @@ class Orientation:
                 )
             return cls(name=name, times=times, quaternions=_unit(name, quaternions))
         one = numbers(name, turning)
-        quaternion = _unit(name, one[None]) if one.shape == (4,) else _of_matrix(name, one)[None]
+        quaternion = (
+            _unit(name, one[None]) if one.shape == (4,) else _quaternion_of_matrix(name, one)[None]
+        )
         return cls(name=name, times=np.zeros(1), quaternions=quaternion)
 
     @property
@@ -85,13 +87,15 @@ class Orientation:
         if self.function is not None:
             values = (numbers(self.name, self.function(max(t, 0.0))) for t in times.tolist())
             rotations = [
-                _unit(self.name, one[None])[0] if one.shape == (4,) else _of_matrix(self.name, one)
+                _unit(self.name, one[None])[0]
+                if one.shape == (4,)
+                else _quaternion_of_matrix(self.name, one)
                 for one in values
             ]
             return matrices(np.array(rotations).reshape(-1, 4))
         if len(self.times) == 1:
             return np.broadcast_to(matrices(self.quaternions), (len(times), 3, 3))
-        next_rows, fractions = _within(self.times, np.maximum(times, 0.0))
+        next_rows, fractions = _locate_times(self.times, np.maximum(times, 0.0))
         return matrices(
             slerp(self.quaternions[next_rows - 1], self.quaternions[next_rows], fractions)
         )
@@ -169,7 +173,7 @@ class Centres:
 
     def _carried(self, moments: Array) -> Array:
         """Return the centres of the bodies that share a table of times, m (bodies, n, 3)."""
-        next_rows, fractions = _within(self._times, moments)
+        next_rows, fractions = _locate_times(self._times, moments)
         ends = np.stack([next_rows - 1, next_rows], axis=1)
         bodies = list(zip(self._together.values(), ends, strict=True))
         origins = np.array([centre.origin.points.take(rows, axis=0) for centre, rows in bodies])
@@ -186,7 +190,7 @@ class Centres:
         return (1 - fractions) * origins[:, 0] + fractions * origins[:, 1] + point_vectors[..., 0]
 
 
-def _within(table: Array, times: Array) -> tuple[Index, Array]:
+def _locate_times(table: Array, times: Array) -> tuple[Index, Array]:
     """Return the next rows of a table of times after some times, and how far on the way to them."""
     next_rows = np.minimum(np.maximum(np.searchsorted(table, times), 1), len(table) - 1)
     start_times = table[next_rows - 1]
@@ -200,7 +204,7 @@ def slerp(first: Array, last: Array, fractions: Array) -> Array:
     cosine = np.einsum("nq,nq->n", first, last)
     last = np.where(cosine[:, None] < 0, -last, last)
     angle = np.arccos(np.minimum(np.abs(cosine), 1))
-    is_near = angle < _NEAR  # the arc is nearly straight
+    is_near = angle < _MIN_ANGLE  # the arc is nearly straight
     sines = np.where(is_near, 1.0, np.sin(angle))
     first_weights = np.where(is_near, 1 - fractions, np.sin((1 - fractions) * angle) / sines)
     last_weights = np.where(is_near, fractions, np.sin(fractions * angle) / sines)
@@ -221,16 +225,18 @@ def matrices(quaternions: Array) -> Array:
 
 def _unit(name: str, quaternions: Array) -> Array:
     lengths = np.linalg.norm(quaternions, axis=1, keepdims=True)
-    is_wrong = ~(np.abs(lengths - 1) <= _UNIT)
+    is_wrong = ~(np.abs(lengths - 1) <= _LENGTH_TOLERANCE)
     if is_wrong.any():
         row = quaternions[int(np.argmax(is_wrong))]
         raise OptionError(f"{name} is {row}: give unit quaternions (w, x, y, z)")
     return quaternions / lengths
 
 
-def _of_matrix(name: str, matrix: Array) -> Array:
+def _quaternion_of_matrix(name: str, matrix: Array) -> Array:
     """Return the unit quaternion (4,) of a rotation matrix."""
-    if matrix.shape != (3, 3) or not np.allclose(matrix @ matrix.T, np.eye(3), atol=_SAME):
+    if matrix.shape != (3, 3) or not np.allclose(
+        matrix @ matrix.T, np.eye(3), atol=_MATRIX_TOLERANCE
+    ):
         raise OptionError(
             f"{name} is {matrix!r}: give a matrix (3, 3) with orthonormal rows, or a unit "
             "quaternion (w, x, y, z)"

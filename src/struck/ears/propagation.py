@@ -28,7 +28,7 @@ LONGEST_WAY = 10_000.0  # m, the largest distance of a body, or its image, from 
 # How much earlier than at its centre a head may hear, s, and how long responses wait, samples.
 _MAX_ADVANCE, _RESPONSE_LEAD = 1e-3, 16
 _MIN_DISTANCE = 1e-3  # m, to a point without a surface
-MOST_MIRRORED = 129  # images of a body with a timbre field: of up to 4 reflections
+MAX_FIELD_IMAGES = 129  # images of a body with a timbre field: of up to 4 reflections
 _ROUNDS = 8  # of the fixed-point iteration for the time when a moving body sent
 
 
@@ -293,11 +293,11 @@ class Propagation:
             bool,
         )
         points, images = np.where(is_bare, self.ears, 1), len(sources.emitter) // len(emitters)
-        if images > MOST_MIRRORED and sources.field.any():
+        if images > MAX_FIELD_IMAGES and sources.field.any():
             raise OptionError(
                 f"a room makes {images} images of a body, and a timbre field has at most "
-                f"{MOST_MIRRORED} of them: give an order= of 4 at most, and leave later ones to a "
-                "Reverberation"
+                f"{MAX_FIELD_IMAGES} of them: give an order= of 4 at most, and leave later "
+                "ones to a Reverberation"
             )
         sizes = points * np.where(sources.field[sources.bodies], images, 1)
         sizes = np.full_like(sizes, sizes.max()) if even else sizes
@@ -357,8 +357,8 @@ class Propagation:
         return Paths(
             lines=self._lines_of.ravel(),
             ears=self._ear_of,
-            delays=_in_turn(previous_end[0], delays).reshape(count, 3),
-            gains=_in_turn(previous_end[1], gains).reshape(count, 3),
+            delays=_stack_times(previous_end[0], delays).reshape(count, 3),
+            gains=_stack_times(previous_end[1], gains).reshape(count, 3),
             before=previous_end[2].reshape(count, -1),
             after=self._end[2].reshape(count, -1),
             stretch=self._stretch,
@@ -418,7 +418,7 @@ class Propagation:
             )
 
 
-def _in_turn(start_values: Array, later_values: Array) -> Array:
+def _stack_times(start_values: Array, later_values: Array) -> Array:
     """Return three values of each path, at begin, middle and end (sources, ears, 3)."""
     return np.stack([start_values, later_values[0], later_values[1]], axis=-1)
 

@@ -100,13 +100,13 @@ def arrival_delay(
 
 def nearness(distances: ArrayLike | None, radius: float) -> Array:
     """Return radius over distance: zero for a plane wave; OptionError within 1.01 radii."""
-    far = np.asarray(np.inf if distances is None else distances, dtype=np.float64)
-    if not np.all(far >= NEAREST * _checked_radius(radius)):
+    values = np.asarray(np.inf if distances is None else distances, dtype=np.float64)
+    if not np.all(values >= NEAREST * _checked_radius(radius)):
         raise OptionError(
-            f"distance {np.min(far):g} m is too near to a sphere of radius {radius:g} m; keep "
+            f"distance {np.min(values):g} m is too near to a sphere of radius {radius:g} m; keep "
             f"sources at least {NEAREST * radius:g} m from its centre"
         )
-    return radius / far
+    return radius / values
 
 
 def _coefficients(ka: Array, radius_ratio: Array) -> Iterator[Complex]:

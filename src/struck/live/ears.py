@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from struck.ears.delay_lines import between
+from struck.ears.delay_lines import interpolation_kernel
 from struck.ears.listeners import Listener, Trajectory
 from struck.ears.orientation import MovingPoint, Orientation
 from struck.ears.propagation import STRETCH, Pose, Propagation
@@ -198,7 +198,7 @@ class LiveEars:
         length = 2 << int(np.ceil(np.log2(longest)))
         after = np.zeros((paths, taps), np.float32)
         after[:, : found.paths.after.shape[1]] = found.paths.after
-        table = between()
+        table = interpolation_kernel()
         # Kept, as the callback has but their addresses.
         self._arrays = {
             "line": np.zeros((found.lines, length), np.float32),

@@ -26,7 +26,7 @@ from struck.perception.sonic_distance import (
 
 # Contacts spread over the surface if none are given.
 _CONTACTS = 256
-_SPREAD = 1024  # contacts over which the loss by a budget of modes is computed
+_BUDGET_CONTACTS = 1024  # contacts over which the loss by a budget of modes is computed
 # Filters a quarter of their bandwidth apart see what a mode adds between two others.
 _FINE = 0.25
 # Weight of the change of a selected mode: without it, the energies of modes that share a filter at
@@ -54,9 +54,9 @@ def audible(
         raise OptionError(
             f"level is {hearing.level:g}: none of {len(model.frequencies)} modes is audible"
         )
-    factors = _solved(model.frequencies, cases, modes)
+    factors = _solve_factors(model.frequencies, cases, modes)
     loss = f"are not heard when the loudest contact reaches {hearing.level:g} dB"
-    return _of_modes(model, modes, factors, loss, audible_level=hearing.level)
+    return _select_modes(model, modes, factors, loss, audible_level=hearing.level)
 
 
 @checked
@@ -82,17 +82,17 @@ def budgeted(
             "where it was made, as by struck.fit(modes=)"
         )
     named_contacts = [model.contact(place) for place in model.places]
-    named_pushes = (
+    pushes_at_places = (
         [contact.point for contact in named_contacts],
         [contact.direction for contact in named_contacts],
     )
-    surface_pushes, hearing = (
-        contacts_over(surface_of(model), _SPREAD),
+    pushes_on_surface, hearing = (
+        contacts_over(surface_of(model), _BUDGET_CONTACTS),
         HeardModel.at(model, listener),
     )
     contacts = [
         np.concatenate([a, np.reshape(b, (-1, 3))])
-        for a, b in zip(surface_pushes, named_pushes, strict=True)
+        for a, b in zip(pushes_on_surface, pushes_at_places, strict=True)
     ]
     full_intensities = hearing.intensities(*contacts)
     centres = filter_centres()
@@ -102,7 +102,7 @@ def budgeted(
     )
     energy_fractions = full_intensities.reshape(-1, count) * ((1 / excitations) @ passing)
     chosen_modes = np.sort(np.argsort(-energy_fractions.mean(axis=0), kind="stable")[:modes])
-    reduced_model = _of_modes(
+    reduced_model = _select_modes(
         model, chosen_modes, np.ones(modes), "are beyond the number asked for"
     )
     reduced_intensities = HeardModel.at(reduced_model, listener).intensities(*contacts)
@@ -175,7 +175,7 @@ def _left_out(frequencies: Array, intensities: Array) -> NDArray[np.bool_]:
     return out
 
 
-def _solved(frequencies: Array, intensities: Array, modes: Index) -> Array:
+def _solve_factors(frequencies: Array, intensities: Array, modes: Index) -> Array:
     """Return factors for the intensities of the modes that stay, given all intensities (C, M)."""
     from scipy.optimize import nnls
 
@@ -194,7 +194,7 @@ def _solved(frequencies: Array, intensities: Array, modes: Index) -> Array:
     return factors
 
 
-def _of_modes(
+def _select_modes(
     model: ModalModel, modes: Index, factors: Array, reason: str, **details: object
 ) -> ModalModel:
     lost_modes = np.setdiff1d(np.arange(len(model.frequencies)), modes)

@@ -62,7 +62,7 @@ def bark(frequencies: ArrayLike) -> Array:
 
 def threshold_in_quiet(frequencies: ArrayLike) -> Array:
     """Return the level of the softest audible tones, dB (Terhardt 1979, eq. 1)."""
-    kilohertz = _positive(frequencies) / 1000
+    kilohertz = _check_positive(frequencies) / 1000
     dip = 6.5 * np.exp(-0.6 * np.square(kilohertz - 3.3))
     return 3.64 * kilohertz**-0.8 - dip + 1e-3 * kilohertz**4
 
@@ -71,11 +71,11 @@ def equal_loudness(frequencies: ArrayLike, phon: float = 40.0) -> Array:
     """Return the levels of tones as loud as one of `phon` dB at 1 kHz, dB (ISO 226:2003, eq. 1)."""
     if not 20 <= phon <= 80:
         raise OptionError(f"phon is {phon}: ISO 226 holds for 20 to 80")
-    tones = _positive(frequencies)
+    tones = _check_positive(frequencies)
     _, exponents, transfers, thresholds = _ISO_226
     loudness = 4.47e-3 * (10 ** (0.025 * phon) - 1.15)
     loudness = loudness + (0.4 * 10 ** ((thresholds + transfers) / 10 - 9)) ** exponents
-    return _between_rows(tones, 10 / exponents * np.log10(loudness) - transfers + 94)
+    return _interpolate_rows(tones, 10 / exponents * np.log10(loudness) - transfers + 94)
 
 
 def sensitivity(frequencies: ArrayLike, phon: float = 40.0) -> Array:
@@ -95,22 +95,22 @@ def spreading(frequencies: ArrayLike, centres: ArrayLike) -> Array:
     """Return the share of the intensity of tones (M,) that passes the ear's filters (B, M)."""
     # Rounded exponentials (1 + p g) exp(-p g), g = |f - centre| / centre, p = 4 centre / ERB:
     # Patterson et al. 1982; Glasberg & Moore 1990, at moderate levels, where they are symmetric.
-    middles = _positive(centres)[:, None]
-    steps = 4 * np.abs(_positive(frequencies)[None] - middles) / erb(middles)
+    middles = _check_positive(centres)[:, None]
+    steps = 4 * np.abs(_check_positive(frequencies)[None] - middles) / erb(middles)
     return (1 + steps) * np.exp(-steps)
 
 
-def _positive(frequencies: ArrayLike) -> Array:
+def _check_positive(frequencies: ArrayLike) -> Array:
     tones = np.asarray(frequencies, float)
     if not np.all(tones > 0):
         raise OptionError(f"the lowest frequency is {np.min(tones)} Hz: tones must exceed 0 Hz")
     return tones
 
 
-def _between_rows(frequencies: Array, levels: Array) -> Array:
+def _interpolate_rows(frequencies: Array, levels: Array) -> Array:
     """Return levels at any frequencies, Hz, from levels at the rows of the ISO 226 table."""
     rows = _ISO_226[0]
-    within = np.clip(frequencies, rows[0], rows[-1])
+    clipped_frequencies = np.clip(frequencies, rows[0], rows[-1])
     # Beyond 20 Hz and 12.5 kHz the contour runs parallel to the threshold in quiet.
-    beyond = threshold_in_quiet(frequencies) - threshold_in_quiet(within)
-    return np.interp(np.log(within), np.log(rows), levels) + beyond
+    extension = threshold_in_quiet(frequencies) - threshold_in_quiet(clipped_frequencies)
+    return np.interp(np.log(clipped_frequencies), np.log(rows), levels) + extension

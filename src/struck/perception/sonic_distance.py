@@ -151,7 +151,10 @@ def sonic_distance(
     require_choice("method", method, METHODS)
     hearing = HeardModel.at(a, listener, level)
     other_hearing = hearing if a is b else HeardModel.at(b, listener, level)
-    first, second = _struck(hearing, at), _struck(other_hearing, at if against is None else against)
+    first, second = (
+        _intensities_at(hearing, at),
+        _intensities_at(other_hearing, at if against is None else against),
+    )
     if method == "erb":
         return erb_distance(
             band_excess(a.frequencies, first), band_excess(b.frequencies, second)
@@ -190,7 +193,7 @@ def doel_distance(frequencies: Array, first: Array, second: Array, *, mean: bool
     return float(np.sqrt(total / weights.sum() if mean else total))
 
 
-def _struck(hearing: HeardModel, at: Place) -> Array:
+def _intensities_at(hearing: HeardModel, at: Place) -> Array:
     """Return the intensities of the modes of a body struck at a place (M,)."""
     contact = hearing.model.contact(at)
     return hearing.intensities(contact.point[None], contact.direction[None])[0, 0]

@@ -216,7 +216,7 @@ def sound_map(
     hearing = HeardModel.at(model, listener, level)
     if len(hearing.listeners) > 1:
         raise OptionError(f"{len(hearing.listeners)} listeners are given: make a map for each")
-    cover = covered(Ear.of(hearing), surface, threshold_db, progress)
+    cover = cover_surface(Ear.of(hearing), surface, threshold_db, progress)
     contact_amplitudes = np.linalg.norm(hearing.amplitudes(cover.points, cover.directions), axis=1)
     points, numbers = np.unique(cover.corners.reshape(-1, 3), axis=0, return_inverse=True)
     return SoundMap(
@@ -257,7 +257,7 @@ def _contact(facets: Facets, facet: int) -> _Contact:
     return facets.corners[facet].mean(axis=0), facets.directions[facet], facets.timbres[facet]
 
 
-def covered(ear: Ear, surface: Mesh, threshold: float, progress: Progress = silent) -> Cover:
+def cover_surface(ear: Ear, surface: Mesh, threshold: float, progress: Progress = silent) -> Cover:
     """Choose contacts so that no place is farther than `threshold` dB from the one it takes."""
     # The loudest triangle gives the first contact. Triangles within the threshold of a chosen one
     # are done. Each other triangle in which the sound varies little proposes its own timbre, and
@@ -310,14 +310,14 @@ def _choose(
         able = waiting[small[waiting]]
         pool = able[np.linspace(0, len(able) - 1, min(_POOL, len(able))).astype(np.int64)]
         bounds = _bounds(ear, facets.taken(waiting), facets.timbres[pool], threshold)
-        for column in _greedy(bounds <= threshold):
+        for column in _choose_greedily(bounds <= threshold):
             suits = bounds[:, column] < misfits[waiting]
             misfits[waiting[suits]] = bounds[suits, column]
             owners[waiting[suits]] = len(chosen)
             chosen.append(_contact(facets, int(pool[column])))
 
 
-def _greedy(suits: NDArray[np.bool_]) -> list[int]:
+def _choose_greedily(suits: NDArray[np.bool_]) -> list[int]:
     """Return columns chosen greedily: each suits the most rows not yet covered."""
     columns: list[int] = []
     waiting = suits.copy()
@@ -421,13 +421,15 @@ class Facets:
     def halved(self, ear: Ear) -> Facets:
         """Return two facets for each, cut from the middle of `edges` to the opposite corner."""
         rows = np.arange(len(self))
-        start, end, opposite = (self.corners[rows, (self.edges + step) % 3] for step in range(3))
+        start, end, opposite_corners = (
+            self.corners[rows, (self.edges + step) % 3] for step in range(3)
+        )
         midpoints = (start + end) / 2
-        halves = [(start, midpoints, opposite), (midpoints, end, opposite)]
+        halves = [(start, midpoints, opposite_corners), (midpoints, end, opposite_corners)]
         corners = np.concatenate([np.stack(half, axis=1) for half in halves])
         return Facets.of(ear, corners, np.tile(self.directions, (2, 1)))
 
-    def misfits(self, quiet: Array, timbres: Array) -> Array:
+    def misfits(self, thresholds: Array, timbres: Array) -> Array:
         """Return bounds on the sonic distance from one timbre for each (F, B), dB (F,)."""
         # What a filter adds is at most what the interval of timbres leaves, and at most what the
         # louder of the two exceeds the threshold by. The mean counts filters where either is above
@@ -436,28 +438,28 @@ class Facets:
             _levels(extremum(self.amplitudes, axis=1)) for extremum in (np.max, np.min)
         )
         deviations = np.maximum(self.most - timbres, timbres - self.least)
-        level_excess = np.maximum(self.loud, max_levels[:, None] + timbres) - quiet
+        level_excess = np.maximum(self.loud, max_levels[:, None] + timbres) - thresholds
         squares = np.square(np.maximum(np.minimum(deviations, level_excess), 0.0))
-        is_sure = (self.soft > quiet) | (min_levels[:, None] + timbres > quiet)
-        return np.sqrt(_largest_mean(squares, is_sure)) + _SLACK
+        is_sure = (self.soft > thresholds) | (min_levels[:, None] + timbres > thresholds)
+        return np.sqrt(_find_largest_mean(squares, is_sure)) + _SLACK
 
-    def distances(self, quiet: Array, timbres: Array) -> Array:
+    def distances(self, thresholds: Array, timbres: Array) -> Array:
         """Return the sonic distances at the centroids from timbres (K, B), dB (F, K)."""
         level = _levels(self.amplitudes.mean(axis=1))[:, None]
-        levels = np.maximum(level + self.timbres - quiet, 0.0)
-        played_levels = (np.maximum(level + timbre - quiet, 0.0) for timbre in timbres)
+        levels = np.maximum(level + self.timbres - thresholds, 0.0)
+        played_levels = (np.maximum(level + timbre - thresholds, 0.0) for timbre in timbres)
         return np.stack(
             [erb_distance(levels, stored_levels) for stored_levels in played_levels], axis=1
         )
 
 
 def _measure_facets(ear: Ear, corners: Array, directions: Array) -> Facets:
-    places = [corners, (corners + _next(corners)) / 2, corners.mean(axis=1, keepdims=True)]
+    places = [corners, (corners + _roll_corners(corners)) / 2, corners.mean(axis=1, keepdims=True)]
     parts = ear.parts(np.concatenate(places, axis=1), directions)
     ends, midpoints, centroid = parts[:, :3], parts[:, 3:6], parts[:, 6]
-    bent = _CURVATURE_FACTOR * ear.behind(midpoints - (ends + _next(ends)) / 2)
+    bent = _CURVATURE_FACTOR * ear.behind(midpoints - (ends + _roll_corners(ends)) / 2)
     amplitudes = np.linalg.norm(ends, axis=2)
-    squares, products = ear.products(ends, ends), ear.products(ends, _next(ends))
+    squares, products = ear.products(ends, ends), ear.products(ends, _roll_corners(ends))
     along = (squares + products + np.roll(products, 1, axis=1)) / 3
     least, most, soft, loud = _ranges(squares, along, bent.max(axis=1), amplitudes)
     widths = _widths(ear, squares, products, bent, ends, midpoints)
@@ -498,9 +500,9 @@ def _widths(
 ) -> Array:
     """Return for each edge how wide the interval of audible timbres on it is, dB (F, 3)."""
     amplitudes = np.linalg.norm(ends, axis=2)
-    edge_squares = np.stack([squares, _next(squares)], axis=2)
+    edge_squares = np.stack([squares, _roll_corners(squares)], axis=2)
     along = (edge_squares + products[:, :, None]) / 2
-    corners = np.stack([amplitudes, _next(amplitudes)], axis=2)
+    corners = np.stack([amplitudes, _roll_corners(amplitudes)], axis=2)
     least, most, _, loud = _ranges(edge_squares, along, bent, corners)
     midpoint_timbres = (
         _levels(ear.behind(midpoints)) - _levels(np.linalg.norm(midpoints, axis=2))[..., None]
@@ -517,7 +519,7 @@ def _chosen(corners: Array, widths: Array) -> Index:
     """Return the edge of each triangle to halve: the longest of its widest ones."""
     # Needles are cut at the longest edge: a change between its ends and its midpoint that is not
     # sampled would otherwise be approached from one side without end.
-    sides = _next(corners) - corners
+    sides = _roll_corners(corners) - corners
     lengths = np.linalg.norm(sides, axis=2)
     areas = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     needles = np.square(lengths.max(axis=1)) > _MAX_FLATNESS * areas
@@ -525,12 +527,12 @@ def _chosen(corners: Array, widths: Array) -> Index:
     return np.where(wide, lengths, -1.0).argmax(axis=1)
 
 
-def _next(values: Array) -> Array:
+def _roll_corners(values: Array) -> Array:
     """Return the values of the following corner, axis 1."""
     return np.roll(values, -1, axis=1)
 
 
-def _largest_mean(squares: Array, is_sure: NDArray[np.bool_]) -> Array:
+def _find_largest_mean(squares: Array, is_sure: NDArray[np.bool_]) -> Array:
     """Return the largest mean over the `is_sure` columns and any of the others, row by row."""
     base, counts = np.where(is_sure, squares, 0.0).sum(axis=1), np.count_nonzero(is_sure, axis=1)
     others = np.where(is_sure, 0.0, squares)

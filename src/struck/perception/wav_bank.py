@@ -64,8 +64,11 @@ def write_bank(
         When a file cannot be written.
     """
     require_choice("encoding", encoding, wav.ENCODINGS)
-    pushes = zip(sound_map.contacts, sound_map.directions, strict=True)
-    sounds = [_render_contact(render, contact, direction) for contact, direction in pushes]
+    contacts_and_directions = zip(sound_map.contacts, sound_map.directions, strict=True)
+    sounds = [
+        _render_contact(render, contact, direction)
+        for contact, direction in contacts_and_directions
+    ]
     factor = PEAK / _peak(sounds)
     place = _make_folder(folder)
     digits = len(str(len(sounds) - 1))

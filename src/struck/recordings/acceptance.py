@@ -14,12 +14,12 @@ MARGIN = 0.01  # s, between the lead-in that is kept and the hit
 FULL = 0.9995  # share of full scale from which a sample counts as clipped
 _BLOCK = 0.001  # s, in which an onset is found
 _ONSET_OVER_NOISE, _ONSET_UNDER_PEAK = 12.0, 30.0  # dB
-_BURST, _BURST_UNDER_PEAK = 15.0, 40.0  # dB, of a noise in the lead-in
+_BURST_RISE, _BURST_UNDER_PEAK = 15.0, 40.0  # dB, of a noise in the lead-in
 _SECOND_BLOCK, _SECOND_HISTORY = 0.005, 8  # s and blocks; a second hit exceeds all blocks before it
 _SECOND_RISE, _SECOND_UNDER_PEAK = 6.0, 30.0  # dB
-_FLAT, _TOPS = 4, 3  # samples at the very same maximum, and how often
+_MIN_FLAT_SAMPLES, _MIN_TOPS = 4, 3  # samples at the very same maximum, and how often
 _DROPOUT_TIME = 0.005  # s of exact zeros
-_SILENT = 1e-12  # of full scale: keeps logarithms finite
+_MIN_AMPLITUDE = 1e-12  # of full scale: keeps logarithms finite
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,7 +43,7 @@ class TakeVerdict:
     above_noise: float = 0.0  # dB, peak over ambient sound in the worst channel
 
 
-def examined(
+def examine_take(
     sound: Sound, *, lead_in: float, seconds: float, bounds: Bounds, channels: int = 1
 ) -> TakeVerdict:
     """Return the verdict on a recording of one hit after `lead_in` seconds or more of noise.
@@ -59,14 +59,14 @@ def examined(
             reason=f"it is cut short: it lasts {sound.duration:.2f} s, the lead-in alone "
             f"{lead_in:g} s; look whether the device still records"
         )
-    hit = _onset(samples, lead_length, rate)
+    hit = _find_onset(samples, lead_length, rate)
     checks = (
-        _clipped(samples),
-        _disturbed(samples, lead_length, rate),
-        _levels(samples, lead_length, bounds),
-        _late(hit, samples.shape[1], rate, seconds),
-        "" if hit is None else _dropped(samples, lead_length, hit, rate),
-        "" if hit is None else _twice(samples, hit, rate),
+        _check_clipping(samples),
+        _check_lead_in(samples, lead_length, rate),
+        _check_levels(samples, lead_length, bounds),
+        _check_duration(hit, samples.shape[1], rate, seconds),
+        "" if hit is None else _check_dropouts(samples, lead_length, hit, rate),
+        "" if hit is None else _check_single_hit(samples, hit, rate),
     )
     reason = next(filter(None, checks), "")
     if reason or hit is None:
@@ -83,7 +83,7 @@ def examined(
     )
 
 
-def _onset(samples: Array, lead_length: int, rate: int) -> int | None:
+def _find_onset(samples: Array, lead_length: int, rate: int) -> int | None:
     """Return the first sample of the hit in the first channel that hears it, or None."""
     size = max(1, round(_BLOCK * rate))
     noises = _level(samples[:, :lead_length])
@@ -95,7 +95,7 @@ def _onset(samples: Array, lead_length: int, rate: int) -> int | None:
     return lead_length + int(block_numbers[0]) * size if len(block_numbers) else None
 
 
-def _clipped(samples: Array) -> str:
+def _check_clipping(samples: Array) -> str:
     """Return a reason on samples at full scale, or on tops that are flat below it."""
     for number, channel in enumerate(np.abs(samples), 1):
         full_count = np.count_nonzero(channel >= FULL)
@@ -106,7 +106,7 @@ def _clipped(samples: Array) -> str:
             )
         top = channel.max()
         runs = _runs(channel == top) if top > 0 else np.zeros(0, int)
-        if np.count_nonzero(runs >= _FLAT) >= _TOPS:
+        if np.count_nonzero(runs >= _MIN_FLAT_SAMPLES) >= _MIN_TOPS:
             return (
                 f"channel {number} is clipped before the converter: {np.count_nonzero(runs)} tops "
                 f"are flat at {20 * np.log10(top):.1f} dB; turn the preamplifier down"
@@ -114,7 +114,7 @@ def _clipped(samples: Array) -> str:
     return ""
 
 
-def _disturbed(samples: Array, lead_length: int, rate: int) -> str:
+def _check_lead_in(samples: Array, lead_length: int, rate: int) -> str:
     """Return a reason on a noise in the lead-in, such as a hit before its cue."""
     levels = _blocks(samples[:, :lead_length], max(1, round(10 * _BLOCK * rate)))
     if levels.shape[1] < 2:
@@ -122,7 +122,7 @@ def _disturbed(samples: Array, lead_length: int, rate: int) -> str:
     loudest_blocks = levels.argmax(axis=1)
     rises = levels.max(axis=1) - np.percentile(levels, 20, axis=1)
     depths = _peaks(samples) - levels.max(axis=1)
-    disturbed_channels = np.flatnonzero((rises > _BURST) & (depths < _BURST_UNDER_PEAK))
+    disturbed_channels = np.flatnonzero((rises > _BURST_RISE) & (depths < _BURST_UNDER_PEAK))
     if not len(disturbed_channels):
         return ""
     return (
@@ -131,7 +131,7 @@ def _disturbed(samples: Array, lead_length: int, rate: int) -> str:
     )
 
 
-def _levels(samples: Array, lead_length: int, bounds: Bounds) -> str:
+def _check_levels(samples: Array, lead_length: int, bounds: Bounds) -> str:
     """Return a reason on a channel without a hit, or with one too quiet or too loud."""
     peaks = _peaks(samples[:, lead_length:])
     noises = _level(samples[:, :lead_length])
@@ -156,7 +156,7 @@ def _levels(samples: Array, lead_length: int, bounds: Bounds) -> str:
     return ""
 
 
-def _late(hit: int | None, length: int, rate: int, seconds: float) -> str:
+def _check_duration(hit: int | None, length: int, rate: int, seconds: float) -> str:
     """Return a reason where no hit was found, or too little sound is left after it."""
     if hit is None:
         return "no hit was found after the lead-in: strike at the cue, harder or nearer"
@@ -169,7 +169,7 @@ def _late(hit: int | None, length: int, rate: int, seconds: float) -> str:
     )
 
 
-def _dropped(samples: Array, lead_length: int, hit: int, rate: int) -> str:
+def _check_dropouts(samples: Array, lead_length: int, hit: int, rate: int) -> str:
     """Return a reason on stretches of zeros that the ambient sound does not have."""
     for number, channel in enumerate(samples, 1):
         lead_run = _runs(channel[:lead_length] == 0).max(initial=0)
@@ -182,7 +182,7 @@ def _dropped(samples: Array, lead_length: int, hit: int, rate: int) -> str:
     return ""
 
 
-def _twice(samples: Array, hit: int, rate: int) -> str:
+def _check_single_hit(samples: Array, hit: int, rate: int) -> str:
     """Return a reason on a second hit: a 5 ms block far louder than all of the 40 ms before it."""
     levels = _blocks(np.diff(samples[:, hit:]), round(_SECOND_BLOCK * rate)).max(axis=0)
     first = _SECOND_HISTORY
@@ -202,19 +202,19 @@ def _twice(samples: Array, hit: int, rate: int) -> str:
 
 def _peaks(samples: Array) -> Array:
     """Return the peak of each channel, dB of full scale."""
-    return 20 * np.log10(np.abs(samples).max(axis=1, initial=0.0) + _SILENT)
+    return 20 * np.log10(np.abs(samples).max(axis=1, initial=0.0) + _MIN_AMPLITUDE)
 
 
 def _level(samples: Array) -> Array:
     """Return the root mean square of each channel, dB of full scale."""
-    return 20 * np.log10(np.sqrt(np.square(samples).mean(axis=1)) + _SILENT)
+    return 20 * np.log10(np.sqrt(np.square(samples).mean(axis=1)) + _MIN_AMPLITUDE)
 
 
 def _blocks(samples: Array, size: int) -> Array:
     """Return the level of each whole block of each channel, dB (C, blocks)."""
     whole_blocks = samples[:, : samples.shape[1] // size * size]
     powers = np.square(whole_blocks.reshape(len(samples), -1, size)).mean(axis=2)
-    return 10 * np.log10(powers + _SILENT**2)
+    return 10 * np.log10(powers + _MIN_AMPLITUDE**2)
 
 
 def _runs(mask: NDArray[np.bool_]) -> NDArray[np.int64]:

@@ -16,7 +16,7 @@ from struck.files.atomic import is_file, read_bytes, write_bytes
 from struck.files.sound import Sound
 from struck.model.arrays import Array, Complex, checked
 from struck.model.provenance import Progress, silent
-from struck.recordings.acceptance import MARGIN, TakeVerdict, examined
+from struck.recordings.acceptance import MARGIN, TakeVerdict, examine_take
 from struck.recordings.capture_plan import CapturePlan, Point
 from struck.recordings.manifest import NAME, ManifestEntry, recorded_so_far
 
@@ -173,7 +173,7 @@ class _Session:
         first = [plan.point(plan.contacts[c], plan.listeners[q]) for c, q in planning.first]
         yield from first
         sounds = [self._log.sounds(point) for point in first]
-        chosen = planning.after(rough_gains(sounds, plan.lead_in + MARGIN))
+        chosen = planning.after(estimate_gains(sounds, plan.lead_in + MARGIN))
         yield from (plan.point(plan.contacts[c], plan.listeners[q]) for c, q in chosen.rest)
 
     def visit(self, point: Point) -> None:
@@ -223,7 +223,7 @@ class _Session:
         self._require_rate(sound)
         if sound.notes:
             return TakeVerdict(reason="; ".join(sound.notes))
-        return examined(
+        return examine_take(
             sound,
             lead_in=plan.lead_in,
             seconds=plan.seconds,
@@ -370,7 +370,7 @@ def _make(folder: Path) -> None:
         ) from error
 
 
-def rough_gains(takes: Sequence[Sequence[Sound]], lead_in: float) -> Complex:
+def estimate_gains(takes: Sequence[Sequence[Sound]], lead_in: float) -> Complex:
     """Return the strength of spectral lines at each contact (P, M), to choose the best by.
 
     Root mean squares over hits at the local maxima of the spectrum of all contacts' first channels,

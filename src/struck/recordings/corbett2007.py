@@ -16,7 +16,7 @@ from struck.perception.auditory_scale import bark, threshold_in_quiet
 from struck.recordings.noise import blackman_harris
 from struck.recordings.segments import Segment
 
-LOUDEST = 90.0  # level of the strongest amplitude, dB SPL
+MAX_LEVEL = 90.0  # level of the strongest amplitude, dB SPL
 INTEGRATION_TIME = 0.2  # time over which hearing collects energy, s
 _MIN_FREQUENCY = 20.0  # threshold in quiet of lower ones, Hz
 _DEPTH = 10.0  # of the masked level under the masker, dB
@@ -53,7 +53,7 @@ def _levels(decays: Array, amplitudes: Array) -> Array:
     tiny = np.finfo(np.float64).tiny
     powers = np.square(amplitudes) * -np.expm1(-exponents) / exponents
     relative_powers = np.maximum(powers, tiny) / max(float(np.square(amplitudes).max()), tiny)
-    return LOUDEST + 10 * np.log10(relative_powers)
+    return MAX_LEVEL + 10 * np.log10(relative_powers)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -75,7 +75,7 @@ def inaudible_difference(frequencies: ArrayLike) -> Array:
     return 4 + np.maximum(np.asarray(frequencies, float) - 2000, 0) / 250
 
 
-def merged(recordings: Sequence[SharedModes]) -> SharedModes:
+def merge_modes(recordings: Sequence[SharedModes]) -> SharedModes:
     """Give the modes of separate recordings common frequencies and decays (2007, section 3.2).
 
     From the strongest mode on, each takes from every other recording the nearest one left that
@@ -146,14 +146,17 @@ def steiglitz_mcbride(signal: Complex, terms: int, iterations: int = ITERATIONS)
     for _ in range(iterations):
         if not np.isfinite(denominator).all():
             return np.zeros(0, np.complex128)
-        denominator = _stable(denominator)
-        filtered = lfilter([1], denominator, signal)
-        answer = lfilter([1], denominator, impulse)
-        columns = _delayed(-filtered, range(1, terms + 1)), _delayed(answer, range(terms))
-        solution = np.linalg.lstsq(np.hstack(columns), filtered, rcond=None)[0]
+        denominator = _mirror_unstable_roots(denominator)
+        filtered_signal = lfilter([1], denominator, signal)
+        impulse_response = lfilter([1], denominator, impulse)
+        columns = (
+            _delay_signal(-filtered_signal, range(1, terms + 1)),
+            _delay_signal(impulse_response, range(terms)),
+        )
+        solution = np.linalg.lstsq(np.hstack(columns), filtered_signal, rcond=None)[0]
         denominator = np.concatenate([[1], solution[:terms]])
-    finite = np.isfinite(denominator).all()
-    return np.asarray(np.roots(denominator) if finite else [], np.complex128)
+    is_finite = np.isfinite(denominator).all()
+    return np.asarray(np.roots(denominator) if is_finite else [], np.complex128)
 
 
 def residues(signal: Complex, poles: Complex) -> Complex:
@@ -169,7 +172,7 @@ def _prony(signal: Complex, terms: int) -> Complex:
     return np.concatenate([[1], -prediction])
 
 
-def _stable(denominator: Complex) -> Complex:
+def _mirror_unstable_roots(denominator: Complex) -> Complex:
     """Return the polynomial with the roots outside of the unit circle mirrored into it."""
     roots = np.roots(denominator)
     is_outside = np.abs(roots) > 1
@@ -177,7 +180,7 @@ def _stable(denominator: Complex) -> Complex:
     return np.asarray(np.poly(roots), np.complex128)
 
 
-def _delayed(signal: Complex, delays: Iterable[int]) -> Complex:
+def _delay_signal(signal: Complex, delays: Iterable[int]) -> Complex:
     """Return a signal (n,) delayed by several numbers of samples, one a column."""
     count = len(signal)
     return np.stack([np.pad(signal, (delay, 0))[:count] for delay in delays], axis=1)
@@ -270,7 +273,9 @@ def fit_corbett2007(
         fit_recording(channel, transform, lead_in=lead_in, terms=terms, gate=gate)
         for channel, lead_in in recordings
     ]
-    return merged([_keep_audible(modes) for modes in channel_modes] if masking else channel_modes)
+    return merge_modes(
+        [_keep_audible(modes) for modes in channel_modes] if masking else channel_modes
+    )
 
 
 def fit_recording(

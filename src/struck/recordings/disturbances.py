@@ -56,7 +56,9 @@ def without_hum(take: Take) -> tuple[Take, Array]:
         return take, np.zeros((0, 2))
     samples = take.samples.copy()
     for tone in _lines(take, lead_blocks * size):
-        samples, loudness, tone_frequency = _cleared(samples, tone, take.sample_rate, lead_blocks)
+        samples, loudness, tone_frequency = _subtract_tone(
+            samples, tone, take.sample_rate, lead_blocks
+        )
         if loudness:
             tones.append((tone_frequency, loudness))
     if not tones:
@@ -86,7 +88,7 @@ def _lines(take: Take, lead_length: int) -> Iterator[float]:
             yield float((place + shift) * spacing)
 
 
-def _cleared(
+def _subtract_tone(
     samples: Array, tone: float, rate: int, lead_blocks: int
 ) -> tuple[Array, float, float]:
     """Return samples (C, n) without a tone, its amplitude, 0 if it is not steady, and its Hz.
@@ -124,7 +126,7 @@ def _cleared(
     )
     drift = float(np.angle(steps)) / (2 * np.pi * size)
     block_centres = (np.arange(count) + 0.5) * size
-    smooth_sizes = _smooth(sizes * np.exp(-2j * np.pi * drift * block_centres), weights)
+    smooth_sizes = _smooth_amplitudes(sizes * np.exp(-2j * np.pi * drift * block_centres), weights)
     places = np.arange(samples.shape[1])
     envelope = np.array(
         [np.interp(places, block_centres, amplitudes) for amplitudes in smooth_sizes]
@@ -136,13 +138,13 @@ def _cleared(
 def stiffness(bends: Array) -> Array:
     """Return bands (3, B) of the matrix that weighs second differences by bends (B - 2,)."""
     bands = np.zeros((3, len(bends) + 2))
-    for one, first in enumerate((1.0, -2.0, 1.0)):
-        for other, second in enumerate((1.0, -2.0, 1.0)[one:], one):
-            bands[2 - (other - one), other : len(bends) + other] += bends * first * second
+    for row, first in enumerate((1.0, -2.0, 1.0)):
+        for column, second in enumerate((1.0, -2.0, 1.0)[row:], row):
+            bands[2 - (column - row), column : len(bends) + column] += bends * first * second
     return bands
 
 
-def _smooth(sizes: AnyComplex, weights: Array) -> AnyComplex:
+def _smooth_amplitudes(sizes: AnyComplex, weights: Array) -> AnyComplex:
     """Return weighted sizes (C, B) with as small second differences as they allow."""
     weights = weights / weights.max()
     bands = stiffness(np.full(sizes.shape[1] - 2, _STIFFNESS))
@@ -155,7 +157,7 @@ _REMAINDER_FRACTION = 0.3  # of its amplitude
 _MAX_REMAINDER_DECAY = 2.0  # 1/s, of slower modes
 
 
-def of_hum(tones: Array, ringing: Exponentials) -> Mask:
+def find_hum(tones: Array, ringing: Exponentials) -> Mask:
     """Return which modes (M,) are remainders of tones (K, 2) of hum that were subtracted."""
     is_near = np.abs(ringing.frequencies[:, None] - tones[:, 0]) < _REMAINDER_DISTANCE
     sizes = np.abs(ringing.gains).max(axis=0, initial=0.0)
@@ -186,14 +188,16 @@ _LOSSY = {".ogg", ".oga", ".opus"}
 _OFFSET = 2e-3  # smallest mean over peak that is reported
 
 
-def processed(take: Take) -> Iterator[str]:
+def note_processing(take: Take) -> Iterator[str]:
     """Yield a sentence about each processing found in a take: lossy coding, offset."""
     samples = take.samples[~left_out(take)]
     if not samples.size:
         return
     loudest_channel = samples[int(np.square(samples).sum(axis=1).argmax())]
     reason = "as its ending says" if PurePath(take.name).suffix.lower() in _LOSSY else _HOLE_REASON
-    hole_fraction = 1.0 if reason != _HOLE_REASON else lossy(loudest_channel, take.sample_rate)
+    hole_fraction = (
+        1.0 if reason != _HOLE_REASON else measure_loss(loudest_channel, take.sample_rate)
+    )
     if hole_fraction:
         verb, remark = (
             ("was", "") if hole_fraction > _CERTAIN_FRACTION else ("may have been", _MOTION_REMARK)
@@ -210,9 +214,9 @@ def processed(take: Take) -> Iterator[str]:
         )
 
 
-def lossy(samples: Array, sample_rate: float) -> float:
+def measure_loss(samples: Array, sample_rate: float) -> float:
     """Return the fraction of holes of a lossy coder in samples (n,); 0 if there are too few."""
-    levels = _bands(_loudest_part(samples, sample_rate), sample_rate)
+    levels = _bands(_select_loudest_part(samples, sample_rate), sample_rate)
     if len(levels) < _MIN_FRAMES:  # half a second
         return 0.0
     is_hole, is_possible = _holes(levels)
@@ -223,7 +227,7 @@ def lossy(samples: Array, sample_rate: float) -> float:
     )
 
 
-def _loudest_part(samples: Array, sample_rate: float) -> Array:
+def _select_loudest_part(samples: Array, sample_rate: float) -> Array:
     """Return the part about the peak, of a long take."""
     half = round(_MAX_SECONDS / 2 * sample_rate)
     first = max(0, int(np.abs(samples).argmax()) - half)

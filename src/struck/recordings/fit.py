@@ -27,7 +27,7 @@ from struck.model.survey import Survey
 from struck.model.timbre_field import TimbreField
 from struck.model.timbre_table import SinglePoint, TimbreTable
 from struck.recordings.disturbances import without_hum
-from struck.recordings.gain_table import Gathered
+from struck.recordings.gain_table import GainTable
 from struck.recordings.manifest import KINDS, manifest_in, read_manifest
 from struck.recordings.poles.search import CLEAR, METHODS, PoleFit, fit_poles
 from struck.recordings.poles.selection import find_masked, find_unexplained_bands
@@ -38,7 +38,7 @@ from struck.recordings.residual_sound import (
     remainder,
     reverberation,
 )
-from struck.recordings.takes import Recorded, Recording, Take
+from struck.recordings.takes import Recording, RecordingSet, Take
 
 if TYPE_CHECKING:
     from struck.excitation.strike import Strike
@@ -71,7 +71,7 @@ class Fitting:
     __repr__ = brief
     model: ModalModel
     fitted: PoleFit
-    recorded: Recorded
+    recorded: RecordingSet
     survey: Survey | None
     lead: float
     room: NDArray[np.bool_] | None
@@ -128,7 +128,7 @@ def fit_recordings(
     _require(way, method, radius, modes)
     _require_blow(blow, residual=residual)
     surface = geometry if isinstance(geometry, Mesh | None) else _surface(geometry)
-    recorded = Recorded.of(
+    recording_set = RecordingSet.of(
         recordings,
         contacts=contacts,
         listeners=listeners,
@@ -137,16 +137,18 @@ def fit_recordings(
         centre=centre,
         progress=progress,
     )
-    _require_use(recorded, way, radius)
+    _require_use(recording_set, way, radius)
     seconds = None if room is None else reverberation(room)
     options = {"method": method, "budget": modes, "onsets": onsets}
-    fit = _fit_takes(recorded.takes, options, cache, progress)
-    _require_modes(fit, recorded, options, force=force)
+    fit = _fit_takes(recording_set.takes, options, cache, progress)
+    _require_modes(fit, recording_set, options, force=force)
     fit = _add_room_note(fit, seconds, measured=modes is None)
     natural = np.hypot(fit.frequencies, fit.decays / (2 * np.pi))
     fit = fit.of(np.argsort(natural, kind="stable"))
     residual_option = residual if blow is None else False
-    fitting = _make_fitting(fit, recorded, seconds, way, radius, method, residual=residual_option)
+    fitting = _make_fitting(
+        fit, recording_set, seconds, way, radius, method, residual=residual_option
+    )
     model = fitting.model if blow is None else without_blow(fitting.model, blow, fitting.lead)
     if pitch is not None or surface is not None:
         model = model.charted(pitch=pitch, geometry=surface)
@@ -233,15 +235,15 @@ def without_blow(model: ModalModel, blow: Strike, lead: float = 0.0) -> ModalMod
     )
 
 
-def _require_use(recorded: Recorded, interpolation: str, radius: float) -> None:
-    if recorded.contacts is not None or recorded.listeners is not None:
+def _require_use(recording_set: RecordingSet, interpolation: str, radius: float) -> None:
+    if recording_set.contacts is not None or recording_set.listeners is not None:
         return
     options = {
         "way": interpolation != "field",
         "radius": radius > 0,
-        "symmetry": recorded.symmetry != "none",
+        "symmetry": recording_set.symmetry != "none",
     }
-    options |= {"centre": recorded.centre.any()}
+    options |= {"centre": recording_set.centre.any()}
     option_names = [name for name, is_set in options.items() if is_set]
     if option_names:
         raise OptionError(
@@ -251,12 +253,12 @@ def _require_use(recorded: Recorded, interpolation: str, radius: float) -> None:
 
 
 def _require_modes(
-    fit: PoleFit, recorded: Recorded, options: dict[str, Any], *, force: bool
+    fit: PoleFit, recording_set: RecordingSet, options: dict[str, Any], *, force: bool
 ) -> None:
     if len(fit.frequencies) and (fit.verdict.modal or force):
         return
-    count = len(recorded.takes) - 1
-    names = recorded.takes[0].name + (f" and {count} more" if count else "")
+    count = len(recording_set.takes) - 1
+    names = recording_set.takes[0].name + (f" and {count} more" if count else "")
     if fit.verdict.modal:
         raise RecordingError(
             f"{names}: no mode is clear of the noise, all lie below {CLEAR:.0f} dB of "
@@ -274,8 +276,8 @@ def _require_modes(
         )
     advice = "" if not len(fit.frequencies) else " Fit it all the same with force=True."
     takes_note = (
-        _list_modal_takes(recorded.takes, options)
-        if 1 < len(recorded.takes) <= _MAX_JUDGED_TAKES
+        _list_modal_takes(recording_set.takes, options)
+        if 1 < len(recording_set.takes) <= _MAX_JUDGED_TAKES
         else ""
     )
     raise RecordingError(
@@ -324,7 +326,7 @@ def _add_room_note(fit: PoleFit, seconds: float | None, *, measured: bool) -> Po
 
 def _make_fitting(
     fit: PoleFit,
-    recorded: Recorded,
+    recording_set: RecordingSet,
     seconds: float | None,
     interpolation: str,
     radius: float,
@@ -333,38 +335,38 @@ def _make_fitting(
     residual: bool | None,
 ) -> Fitting:
     takes_and_controls = zip(
-        (without_hum(take)[0] for take in recorded.takes), fit.controls, strict=True
+        (without_hum(take)[0] for take in recording_set.takes), fit.controls, strict=True
     )
     calm_takes = replace(
-        recorded,
+        recording_set,
         takes=tuple(
             control.undone(take) if control else take for take, control in takes_and_controls
         ),
     )
-    gathered = Gathered.of(fit, calm_takes)
-    survey, gains = _gains(gathered, recorded, interpolation, radius, ~fit.blow)
-    residual_sound, deficit = remainder(fit, calm_takes, gathered)
+    gain_table = GainTable.of(fit, calm_takes)
+    survey, gains = _gains(gain_table, recording_set, interpolation, radius, ~fit.blow)
+    residual_sound, deficit = remainder(fit, calm_takes, gain_table)
     has_residual = deficit > MAX_DEFICIT if residual is None else residual
-    places = {RECORDED: np.zeros(0) if survey is None else _loudest(survey, fit.decays)}
+    places = {RECORDED: np.zeros(0) if survey is None else _loudest_contact(survey, fit.decays)}
     model = ModalModel(
         frequencies=fit.frequencies,
         natural_frequencies=np.hypot(fit.frequencies, fit.decays / (2 * np.pi)),
         decays=fit.decays,
         gains=gains,
-        centre=recorded.centre,
+        centre=recording_set.centre,
         complete_to=0.0,
         errors=fit.frequency_errors / fit.frequencies,
         places=places,
-        coordinates=() if survey is None else recorded.coordinates or ("u",),
+        coordinates=() if survey is None else recording_set.coordinates or ("u",),
         residual=residual_sound if has_residual else None,
-        provenance=_provenance(fit, recorded, gains, method, gathered),
+        provenance=_provenance(fit, recording_set, gains, method, gain_table),
     )
     return Fitting(
         model=model,
         fitted=fit,
-        recorded=recorded,
+        recorded=recording_set,
         survey=survey,
-        lead=gathered.lead,
+        lead=gain_table.lead,
         room=None if seconds is None else may_be_of_room(fit.decays, seconds),
         residual=residual_sound,
         short=deficit,
@@ -372,39 +374,43 @@ def _make_fitting(
 
 
 def _gains(
-    gathered: Gathered, recorded: Recorded, interpolation: str, radius: float, is_object_mode: Mask
+    gain_table: GainTable,
+    recording_set: RecordingSet,
+    interpolation: str,
+    radius: float,
+    is_object_mode: Mask,
 ) -> tuple[Survey | None, Gains]:
-    if recorded.contacts is None and recorded.listeners is None:
-        outputs = gathered.in_one_point()
-        return None, SinglePoint(outputs=outputs, centre=recorded.centre)
-    survey = gathered.survey(recorded)
+    if recording_set.contacts is None and recording_set.listeners is None:
+        outputs = gain_table.in_one_point()
+        return None, SinglePoint(outputs=outputs, centre=recording_set.centre)
+    survey = gain_table.survey(recording_set)
     if interpolation == "table":
         return survey, TimbreTable.of(survey)
     return survey, TimbreField.of(survey, radius=radius, own=is_object_mode)
 
 
-def _loudest(survey: Survey, decays: Array) -> Array:
+def _loudest_contact(survey: Survey, decays: Array) -> Array:
     """Return the coordinates of the contact with the most energy."""
     energies = (np.abs(survey.gains) ** 2 / np.maximum(decays, 1e-6)).sum(axis=1)
     return survey.contacts[survey.pairs[energies.argmax(), 0]]
 
 
 def _provenance(
-    fit: PoleFit, recorded: Recorded, gains: Gains, method: str, gathered: Gathered
+    fit: PoleFit, recording_set: RecordingSet, gains: Gains, method: str, gain_table: GainTable
 ) -> Provenance:
     notes = fit.notes + tuple(getattr(gains, "notes", ()))
-    if isinstance(gains, SinglePoint) and gathered.range > _MAX_LEVEL_RANGE:
+    if isinstance(gains, SinglePoint) and gain_table.range > _MAX_LEVEL_RANGE:
         note = (
-            f"the levels of the takes differ by {gathered.range:.0f} dB, and sound alone does not "
-            "show whether the blows or the distances do: each take counts as loud as the loudest; "
-            "a list of takes with their places keeps the levels"
+            f"the levels of the takes differ by {gain_table.range:.0f} dB, and sound alone does "
+            "not show whether the blows or the distances do: each take counts as loud as the "
+            "loudest; a list of takes with their places keeps the levels"
         )
         notes += (note,)
-    hits = len(np.unique(gathered.hits))
+    hits = len(np.unique(gain_table.hits))
     details: dict[str, object] = {
-        "recordings": len(recorded.takes),
+        "recordings": len(recording_set.takes),
         "hits": hits,
-        "channels": int(np.bincount(gathered.hits).max()),
+        "channels": int(np.bincount(gain_table.hits).max()),
         "signal_to_residual": round(fit.verdict.signal_to_residual, 2),
         "explained_by_one_strike": round(one_strike(fit), 4),
         "rank_error": _median_error(getattr(gains, "rank_errors", None), ~fit.blow),

@@ -15,7 +15,7 @@ from scipy.linalg import solveh_banded
 from scipy.ndimage import uniform_filter1d
 
 from struck.model.arrays import Array, Index, Mask
-from struck.recordings.disturbances import lossy, stiffness
+from struck.recordings.disturbances import measure_loss, stiffness
 from struck.recordings.noise import blackman_harris, frames
 from struck.recordings.onsets import Hit, lead_in
 from struck.recordings.takes import Take
@@ -96,7 +96,7 @@ def gain_control(take: Take, hits: Sequence[Hit]) -> GainControl | None:
     size = 2 ** round(np.log2(_WINDOW * rate))
     step = size // 4
     if lead_length < size + _MIN_WINDOWS * step or any(
-        lossy(channel, rate) for channel in take.samples
+        measure_loss(channel, rate) for channel in take.samples
     ):
         return None
     powers = _band_powers(take, size, step)
@@ -111,7 +111,7 @@ def gain_control(take: Take, hits: Sequence[Hit]) -> GainControl | None:
     rising = centres[:, None] - onsets
     is_struck = (rising > -size / 2) & (rising < size / 2 + _ATTACK * rate)
     weights[is_struck.any(axis=1) | (levels > _RINGS)] = 0.0
-    estimate = _smooth(levels, weights, np.searchsorted(centres, onsets), step / rate)
+    estimate = _smooth_levels(levels, weights, np.searchsorted(centres, onsets), step / rate)
     control = GainControl(
         times=centres / rate,
         logarithms=np.minimum(estimate[0] - np.average(estimate[0][is_quiet]), _RINGS),
@@ -171,7 +171,9 @@ def _noise_levels(powers: Array, is_quiet: Mask) -> tuple[Array, Array]:
     return 0.5 * np.log(np.clip(level / max(median_level, 1e-12), 1e-12, 1e12)), count
 
 
-def _smooth(levels: Array, weights: Array, breaks: Index, step: float) -> tuple[Array, Array]:
+def _smooth_levels(
+    levels: Array, weights: Array, breaks: Index, step: float
+) -> tuple[Array, Array]:
     """Return the likeliest smooth course of levels (F,) that bends at breaks, and its precision.
 
     Its slope is a random walk (Kitagawa and Gersch 1984).

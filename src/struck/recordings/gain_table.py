@@ -12,7 +12,7 @@ from struck.model.arrays import Array, Complex, Index
 from struck.model.material import AIR
 from struck.model.survey import Survey
 from struck.recordings.poles.search import PoleFit
-from struck.recordings.takes import Recorded
+from struck.recordings.takes import RecordingSet
 
 # The steepest rise is off by some samples in noise. The fit knows better: run backwards, its modes
 # explain the samples up to the moment of the hit, and only earlier modes explain those before it.
@@ -23,79 +23,86 @@ _SAMPLES = 3.0  # largest median deviation of the moments of impact, samples
 _MAX_COST = 100.0  # a moment is possible up to this residual energy over the least, noise being 1
 
 
-def arrivals(fit: PoleFit, recorded: Recorded) -> Array:
+def arrivals(fit: PoleFit, recording_set: RecordingSet) -> Array:
     """Return when the sound of each row arrived (rows,), s in its take.
 
     The channels of a hit share one moment, corrected for their distances. Triggered takes share the
     moment of impact, too, except for takes whose residual excludes it.
     """
     times = np.array([row.onset for row in fit.rows])
-    extra_times = travels(fit, recorded)
+    extra_times = travels(fit, recording_set)
     numbers = np.array([(row.take, row.hit) for row in fit.rows])
     hits = [np.flatnonzero((numbers == hit).all(axis=1)) for hit in np.unique(numbers, axis=0)]
-    costs = [_shared_costs(fit, recorded, rows, extra_times[rows]) for rows in hits]
+    costs = [_shared_costs(fit, recording_set, rows, extra_times[rows]) for rows in hits]
     for rows, cost in zip(hits, costs, strict=True):
         times[rows] += (
-            np.argmin(cost) / _rate(fit, recorded, rows) - _MAX_ADVANCE + extra_times[rows]
+            np.argmin(cost) / _rate(fit, recording_set, rows) - _MAX_ADVANCE + extra_times[rows]
         )
-    return _triggered(times, hits, costs, fit, recorded)
+    return _align_to_trigger(times, hits, costs, fit, recording_set)
 
 
-def _rate(fit: PoleFit, recorded: Recorded, rows: Index) -> int:
-    return recorded.takes[fit.rows[rows[0]].take].sample_rate
+def _rate(fit: PoleFit, recording_set: RecordingSet, rows: Index) -> int:
+    return recording_set.takes[fit.rows[rows[0]].take].sample_rate
 
 
-def _shared_costs(fit: PoleFit, recorded: Recorded, rows: Index, extra_times: Array) -> Array:
+def _shared_costs(
+    fit: PoleFit, recording_set: RecordingSet, rows: Index, extra_times: Array
+) -> Array:
     """Return the residual energy of a hit for each moment of its arrival, earliest first."""
-    shifts = np.round(extra_times * _rate(fit, recorded, rows)).astype(int)
+    shifts = np.round(extra_times * _rate(fit, recording_set, rows)).astype(int)
     costs = [
-        _costs(fit, recorded, int(row), int(shift)) for row, shift in zip(rows, shifts, strict=True)
+        _costs(fit, recording_set, int(row), int(shift))
+        for row, shift in zip(rows, shifts, strict=True)
     ]
     return np.sum([row_costs[: min(map(len, costs))] for row_costs in costs], axis=0)
 
 
-def _triggered(
-    times: Array, hits: list[Index], costs: list[Array], fit: PoleFit, recorded: Recorded
+def _align_to_trigger(
+    times: Array, hits: list[Index], costs: list[Array], fit: PoleFit, recording_set: RecordingSet
 ) -> Array:
     """Return arrivals moved to the median moment of impact, in takes that agree with it.
 
     A trigger is more exact than any arrival in noise; no hand strikes many takes within samples.
     """
     if (
-        recorded.listeners is None
+        recording_set.listeners is None
         or len(hits) < _MIN_TRIGGERED_TAKES
-        or len(hits) > len(recorded.takes)
+        or len(hits) > len(recording_set.takes)
     ):
         return times
-    distances = np.array([recorded.distance(row.take, row.channel) for row in fit.rows])
+    distances = np.array([recording_set.distance(row.take, row.channel) for row in fit.rows])
     impacts = times - distances / AIR.sound_speed
     moment = np.median(impacts)
-    if np.median(np.abs(impacts - moment)) * _rate(fit, recorded, hits[0]) > _SAMPLES:
+    if np.median(np.abs(impacts - moment)) * _rate(fit, recording_set, hits[0]) > _SAMPLES:
         return times
     moved_times = times.copy()
     for rows, cost in zip(hits, costs, strict=True):
         best_index = int(np.argmin(cost))
-        place = best_index + round(float(moment - impacts[rows[0]]) * _rate(fit, recorded, rows))
+        place = best_index + round(
+            float(moment - impacts[rows[0]]) * _rate(fit, recording_set, rows)
+        )
         if 0 <= place < len(cost) and cost[place] - cost[best_index] < _MAX_COST:
             moved_times[rows] = moment + distances[rows] / AIR.sound_speed
     return moved_times
 
 
-def travels(fit: PoleFit, recorded: Recorded) -> Array:
+def travels(fit: PoleFit, recording_set: RecordingSet) -> Array:
     """Return how much later than at its take's nearest microphone each row's sound arrived, s."""
-    if recorded.listeners is None:
+    if recording_set.listeners is None:
         return np.zeros(len(fit.rows))
-    distances = [np.linalg.norm(points - recorded.centre, axis=1) for points in recorded.listeners]
+    distances = [
+        np.linalg.norm(points - recording_set.centre, axis=1) for points in recording_set.listeners
+    ]
     extra_distances = [
         distances[row.take][row.channel] - np.nanmin(distances[row.take]) for row in fit.rows
     ]
     return np.array(extra_distances) / AIR.sound_speed
 
 
-def _costs(fit: PoleFit, recorded: Recorded, row: int, shift: int) -> Array:
+def _costs(fit: PoleFit, recording_set: RecordingSet, row: int, shift: int) -> Array:
     """Return a channel's residual energy over its noise for each arrival from the earliest on."""
     entry = fit.rows[row]
-    take = recorded.takes[entry.take]
+    take = recording_set.takes[entry.take]
     rate = take.sample_rate
     first = round((entry.onset - _MAX_ADVANCE) * rate) + shift
     indices = np.arange(first, max(round(entry.time * rate) + shift, first + 2))
@@ -129,7 +136,7 @@ _MIN_DECAY = 0.02  # 1/s
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Gathered:
+class GainTable:
     """Gains of each channel of each hit, all as of the same time after the sound's arrival."""
 
     gains: Complex  # (n, M)
@@ -142,10 +149,10 @@ class Gathered:
     lead: float  # from the arrival of a hit to the moment of the gains, s: it is still being struck
 
     @classmethod
-    def of(cls, fit: PoleFit, recorded: Recorded) -> Gathered:
+    def of(cls, fit: PoleFit, recording_set: RecordingSet) -> GainTable:
         """Gather the rows of a fit."""
         rows = fit.rows
-        arrival_times = arrivals(fit, recorded)
+        arrival_times = arrivals(fit, recording_set)
         elapsed_times = np.array([row.time for row in rows]) - arrival_times
         lead = float(np.median(elapsed_times))
         growth = np.outer(elapsed_times - lead, fit.decays)
@@ -178,34 +185,36 @@ class Gathered:
     def range(self) -> float:
         """How much louder the loudest take is than the softest, dB, by the loudest hit of each."""
         hits = np.bincount(self.hits, self.energies.sum(axis=1))
-        loudest = np.zeros(self.takes.max() + 1)
-        np.maximum.at(loudest, self.takes, hits[self.hits])
-        return float(10 * np.log10(loudest.max() / max(loudest[loudest > 0].min(), 1e-300)))
+        max_energies = np.zeros(self.takes.max() + 1)
+        np.maximum.at(max_energies, self.takes, hits[self.hits])
+        return float(
+            10 * np.log10(max_energies.max() / max(max_energies[max_energies > 0].min(), 1e-300))
+        )
 
-    def survey(self, recorded: Recorded) -> Survey:
+    def survey(self, recording_set: RecordingSet) -> Survey:
         """Return gains over contact and listener, one for each pair.
 
         Unknown listeners count as one place 1 m away, unknown contacts as one contact.
         """
-        gathered = self if recorded.listeners is not None else self.in_one_channel()
-        places, contact = _contacts(recorded, gathered.takes)
-        microphones, listener = _listeners(recorded, gathered)
-        gains, errors = aligned(
-            gathered.gains, gathered.errors, gathered.hits, contact, listener, gathered.poles
+        table = self if recording_set.listeners is not None else self.in_one_channel()
+        places, contact = _contacts(recording_set, table.takes)
+        microphones, listener = _listeners(recording_set, table)
+        gains, errors = align_hits(
+            table.gains, table.errors, table.hits, contact, listener, table.poles
         )
-        pairs, gains, errors = averaged(gains, errors, np.stack([contact, listener], axis=1))
+        pairs, gains, errors = average_pairs(gains, errors, np.stack([contact, listener], axis=1))
         return Survey(
             contacts=places,
             listeners=microphones,
             pairs=pairs,
             gains=gains,
-            frequencies=gathered.poles.imag / (2 * np.pi),
+            frequencies=table.poles.imag / (2 * np.pi),
             errors=errors,
-            centre=recorded.centre,
-            symmetry=recorded.symmetry,
+            centre=recording_set.centre,
+            symmetry=recording_set.symmetry,
         )
 
-    def in_one_channel(self) -> Gathered:
+    def in_one_channel(self) -> GainTable:
         """Return one row for each hit: in each mode that of the channel with the most energy.
 
         Its size is the root mean square over channels, in the mean over hits.
@@ -221,7 +230,7 @@ class Gathered:
         best_channels, modes = energies.argmax(axis=0), np.arange(self.gains.shape[1])
         level = np.sqrt(energies.mean(axis=0) / np.maximum(energies[best_channels, modes], 1e-300))
         chosen = rows[:, best_channels], modes
-        return Gathered(
+        return GainTable(
             gains=self.gains[chosen] * level,
             errors=self.errors[chosen] * level,
             poles=self.poles,
@@ -240,32 +249,32 @@ class Gathered:
         """
         one = self.in_one_channel()
         energies = one.energies.sum(axis=1)
-        loudest = int(energies.argmax())
+        loudest_hit = int(energies.argmax())
         energy_fractions = np.abs(one.gains) ** 2 / energies[:, None]
         is_sure = one.errors < np.abs(one.gains)
-        is_sure[loudest] |= ~is_sure.any(axis=0)
+        is_sure[loudest_hit] |= ~is_sure.any(axis=0)
         mean = (energy_fractions * is_sure).sum(axis=0) / is_sure.sum(axis=0)
-        phase_factors = one.gains[loudest] / np.maximum(np.abs(one.gains[loudest]), 1e-300)
-        phases = np.where(one.gains[loudest] == 0, 1.0, phase_factors)
-        return np.asarray(np.sqrt(mean * energies[loudest]) * phases, np.complex128)
+        phase_factors = one.gains[loudest_hit] / np.maximum(np.abs(one.gains[loudest_hit]), 1e-300)
+        phases = np.where(one.gains[loudest_hit] == 0, 1.0, phase_factors)
+        return np.asarray(np.sqrt(mean * energies[loudest_hit]) * phases, np.complex128)
 
 
-def _contacts(recorded: Recorded, takes: Index) -> tuple[Array, Index]:
+def _contacts(recording_set: RecordingSet, takes: Index) -> tuple[Array, Index]:
     """Return each contact once, and the number of that of each row."""
-    if recorded.contacts is None:
+    if recording_set.contacts is None:
         return np.zeros((1, 1)), np.zeros(len(takes), np.int64)
-    places, number = np.unique(recorded.contacts, axis=0, return_inverse=True)
+    places, number = np.unique(recording_set.contacts, axis=0, return_inverse=True)
     return places, number.reshape(-1)[takes]
 
 
-def _listeners(recorded: Recorded, gathered: Gathered) -> tuple[Array, Index]:
+def _listeners(recording_set: RecordingSet, table: GainTable) -> tuple[Array, Index]:
     """Return each listener once, m, and the number of that of each row."""
-    if recorded.listeners is None:
-        return recorded.centre + np.array([[1.0, 0.0, 0.0]]), np.zeros(
-            len(gathered.takes), np.int64
+    if recording_set.listeners is None:
+        return recording_set.centre + np.array([[1.0, 0.0, 0.0]]), np.zeros(
+            len(table.takes), np.int64
         )
-    rows = zip(gathered.takes, gathered.channels, strict=True)
-    positions = np.array([recorded.listeners[take][channel] for take, channel in rows])
+    rows = zip(table.takes, table.channels, strict=True)
+    positions = np.array([recording_set.listeners[take][channel] for take, channel in rows])
     places, number = np.unique(positions, axis=0, return_inverse=True)
     return places, number.reshape(-1)
 
@@ -279,7 +288,7 @@ def _listeners(recorded: Recorded, gathered: Gathered) -> tuple[Array, Index]:
 _MAX_DELAY = 1e-3  # largest error of a moment, s
 _DELAY_DEVIATION = 3e-4  # usual error of a moment, s
 _FINENESS = 8  # delays tried in a period of the highest mode
-_ZOOMS = 3  # refinements of the best delay
+_REFINEMENTS = 3  # refinements of the best delay
 _MIN_ENERGY = 100.0  # energy over that of its standard error from which a ratio of gains counts
 _MIN_STANDARD_ERRORS = 3.0  # standard errors from which a gain counts for loudness
 # scatter of modes between hits of a contact; usual b at the highest mode
@@ -287,7 +296,7 @@ _SCATTER, _SLOPE = 0.05, 1.0
 _MIN_MODES = 2  # least modes that show a moment
 
 
-def aligned(
+def align_hits(
     gains: Complex, errors: Array, hits: Index, contacts: Index, listeners: Index, poles: Complex
 ) -> tuple[Complex, Array]:
     """Return gains and errors (n, M) as if a contact's hits were equal and their moments right.
@@ -301,7 +310,7 @@ def aligned(
     frequencies = poles.imag / (2 * np.pi)
     hit_delays = np.zeros(len(gains))
     leaders = hits.copy()
-    for first, second in _compared(gains, errors, hits, contacts, listeners):
+    for first, second in _iterate_comparisons(gains, errors, hits, contacts, listeners):
         rows = np.flatnonzero(hits == hits[second[0]])
         is_repeated = contacts[first[0]] == contacts[second[0]]
         delay = _delay(gains, errors, first, second, frequencies, turned=not is_repeated)
@@ -324,7 +333,7 @@ def _median_delays(hit_delays: Array, hits: Index, leaders: Index) -> Array:
     return medians
 
 
-def _compared(
+def _iterate_comparisons(
     gains: Complex, errors: Array, hits: Index, contacts: Index, listeners: Index
 ) -> Iterator[tuple[Index, Index]]:
     """Yield, hit by hit, the rows already in the table and the next hit's at their listeners."""
@@ -345,7 +354,7 @@ def _compared(
         table_rows += rows.tolist()
 
 
-def averaged(gains: Complex, errors: Array, pairs: Index) -> tuple[Index, Complex, Array]:
+def average_pairs(gains: Complex, errors: Array, pairs: Index) -> tuple[Index, Complex, Array]:
     """Return each pair (contact, listener) once, with the weighted mean of its gains and errors."""
     distinct_pairs, number = np.unique(pairs, axis=0, return_inverse=True)
     membership = np.eye(len(distinct_pairs))[number.reshape(-1)].T
@@ -358,12 +367,12 @@ def averaged(gains: Complex, errors: Array, pairs: Index) -> tuple[Index, Comple
     )
 
 
-def _ratios(gains: Complex, errors: Array, first: Index, second: Index) -> tuple[Complex, Array]:
+def _ratios(gains: Complex, errors: Array, rows: Index, other_rows: Index) -> tuple[Complex, Array]:
     """Return least-squares ratios of the second's gains to the first's, and their clarity (M,)."""
-    weights = 1 / (errors[first] ** 2 + errors[second] ** 2)
-    first_energies = (weights * np.abs(gains[first]) ** 2).sum(axis=0)
-    second_energies = (weights * np.abs(gains[second]) ** 2).sum(axis=0)
-    ratios = (weights * gains[first].conj() * gains[second]).sum(axis=0) / np.maximum(
+    weights = 1 / (errors[rows] ** 2 + errors[other_rows] ** 2)
+    first_energies = (weights * np.abs(gains[rows]) ** 2).sum(axis=0)
+    second_energies = (weights * np.abs(gains[other_rows]) ** 2).sum(axis=0)
+    ratios = (weights * gains[rows].conj() * gains[other_rows]).sum(axis=0) / np.maximum(
         first_energies, 1e-300
     )
     clear = np.minimum(first_energies, second_energies)
@@ -377,7 +386,7 @@ def _strength(
     ratios, clear = _ratios(gains, errors, first, second)
     is_clear = (clear > 0) & (ratios != 0)
     if not is_clear.any():
-        return np.full(len(frequencies), _overall(gains[first], gains[second]))
+        return np.full(len(frequencies), _level_ratio(gains[first], gains[second]))
     squares = (frequencies / frequencies.max()) ** 2
     columns = np.stack(
         [np.ones_like(squares), np.minimum(squares, squares[is_clear].max())], axis=1
@@ -390,7 +399,7 @@ def _strength(
     return np.exp(columns @ slopes)
 
 
-def _overall(first: Complex, second: Complex) -> float:
+def _level_ratio(first: Complex, second: Complex) -> float:
     """Return the ratio of total strengths; 1 where either is silent."""
     one, other = np.linalg.norm(first), np.linalg.norm(second)
     return float(other / one) if one and other else 1.0
@@ -403,10 +412,10 @@ def _delay(
     ratios, clear = _ratios(gains, errors, first, second)
     phase_factors = ratios / np.maximum(np.abs(ratios), 1e-300)
     times = 2 if turned else 1
-    return _best_delay(phase_factors**times, np.sqrt(clear), times * frequencies)
+    return _find_delay(phase_factors**times, np.sqrt(clear), times * frequencies)
 
 
-def _best_delay(phase_factors: Complex, weights: Array, frequencies: Array) -> float:
+def _find_delay(phase_factors: Complex, weights: Array, frequencies: Array) -> float:
     """Return the delay that makes phase factors (M,) most nearly 1, s; small ones are likelier."""
     if np.count_nonzero(weights) < _MIN_MODES:
         return 0.0
@@ -415,7 +424,7 @@ def _best_delay(phase_factors: Complex, weights: Array, frequencies: Array) -> f
     priors = np.exp(-0.5 * (delays / _DELAY_DEVIATION) ** 2)
     scores = _agreement(phase_factors, weights, frequencies, delays) * priors
     best_delay = float(delays[np.argmax(scores)])
-    for _ in range(_ZOOMS):
+    for _ in range(_REFINEMENTS):
         near_delays = best_delay + step * np.linspace(-1, 1, 2 * _FINENESS + 1)
         best_delay = float(
             near_delays[np.argmax(_agreement(phase_factors, weights, frequencies, near_delays))]

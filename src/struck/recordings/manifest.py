@@ -31,7 +31,7 @@ from struck.model.survey import SYMMETRIES, from_spherical
 NAME = "manifest.toml"  # of the manifest that `struck record` writes
 KINDS = (".toml", ".csv")
 _HEAD = "# What was struck where and heard from where, m; `struck record` wrote it.\n"
-LARGEST = 2**23  # bytes of a file that is read; the slowest file of this size takes ten seconds
+MAX_BYTES = 2**23  # bytes of a file that is read; the slowest file of this size takes ten seconds
 _BITS = 63  # of a whole number in TOML, its sign apart
 # Reading a key takes time as the square of its parts.
 _MAX_KEY_PARTS = 64
@@ -89,7 +89,7 @@ class Manifest:
     symmetry: str = "none"
 
     def __post_init__(self) -> None:
-        _require_alike(self.path, self.entries)
+        _require_equal_fields(self.path, self.entries)
         _require_once(self.path, self.entries)
 
     @property
@@ -184,7 +184,7 @@ def read_manifest(path: str | os.PathLike[str]) -> Manifest:
     if kind == ".csv":
         manifest = Manifest(path=source, entries=csv_entries(read_text(source), str(source)))
     elif kind == ".toml":
-        manifest = _from_toml(source, read_toml(source))
+        manifest = _manifest_of_table(source, read_toml(source))
     else:
         raise FileFormatError(f"{source} ends in {kind!r}: give a manifest in .toml or .csv")
     if not manifest.entries:
@@ -205,7 +205,7 @@ def recorded_so_far(path: Path) -> Manifest:
     """Read a manifest that is being written, without takes whose files have gone."""
     if not os.path.lexists(path):
         return Manifest(path=path, entries=())
-    manifest = _from_toml(path, read_toml(path))
+    manifest = _manifest_of_table(path, read_toml(path))
     files_and_entries = zip(manifest.files, manifest.entries, strict=True)
     return replace(
         manifest, entries=tuple(entry for file, entry in files_and_entries if is_file(file))
@@ -223,7 +223,7 @@ def require_named(
         )
 
 
-def _from_toml(path: Path, table: TomlTable) -> Manifest:
+def _manifest_of_table(path: Path, table: TomlTable) -> Manifest:
     manifest = Manifest(
         path=path,
         symmetry=table.choice("symmetry", SYMMETRIES, "none"),
@@ -244,7 +244,7 @@ def _require_files(manifest: Manifest) -> None:
         )
 
 
-def _require_alike(path: Path, entries: tuple[ManifestEntry, ...]) -> None:
+def _require_equal_fields(path: Path, entries: tuple[ManifestEntry, ...]) -> None:
     """Refuse takes without places among others, or with other numbers of coordinates."""
     for field in ("contact", "listeners"):
         incomplete_files = [entry.file for entry in entries if not getattr(entry, field)]
@@ -327,15 +327,15 @@ def toml_listeners(
     if degrees:
         radians = (degrees[0], *map(math.radians, degrees[1:]))
     if radians:
-        one = cartesian(radians)
+        one = to_cartesian(radians)
     if one:
         return (one,)
     return tuple(numbers(place, table, f"one of {many}", 3) for place in places)
 
 
-def cartesian(spherical: Place) -> Place:
+def to_cartesian(coordinates: Place) -> Place:
     """Return (x, y, z), m, by distance, azimuth and polar angle, m and rad, as `from_spherical`."""
-    return tuple(from_spherical(*spherical)[0].tolist())
+    return tuple(from_spherical(*coordinates)[0].tolist())
 
 
 class TomlTable:
@@ -360,7 +360,9 @@ class TomlTable:
         if value is None and default is not None:
             return default
         if not (_is_number(value) and low <= value <= high):
-            raise self.error(f"{key} is {_shown(value)}: give a number from {low:g} to {high:g}")
+            raise self.error(
+                f"{key} is {_format_value(value)}: give a number from {low:g} to {high:g}"
+            )
         return float(value)
 
     def maybe(self, key: str, low: float, high: float) -> float | None:
@@ -380,7 +382,7 @@ class TomlTable:
         if value is None and default is not None:
             return default
         if not isinstance(value, str) or not (value or default is not None):
-            raise self.error(f'{key} is {_shown(value)}: give text, as {key} = "..."')
+            raise self.error(f'{key} is {_format_value(value)}: give text, as {key} = "..."')
         return value
 
     def texts(self, key: str) -> tuple[str, ...]:
@@ -389,7 +391,9 @@ class TomlTable:
         if value is None:
             return ()
         if not (isinstance(value, list) and value and all(isinstance(item, str) for item in value)):
-            raise self.error(f'{key} is {_shown(value)}: give a list of texts, as ["...", "..."]')
+            raise self.error(
+                f'{key} is {_format_value(value)}: give a list of texts, as ["...", "..."]'
+            )
         return tuple(value)
 
     def choice(self, key: str, names: tuple[str, ...], default: str) -> str:
@@ -407,14 +411,14 @@ class TomlTable:
         """Return a table of this TOML file by its key; an empty one if it is missing."""
         value = self.value(key)
         if not isinstance(value, dict | None):
-            raise self.error(f"{key} is {_shown(value)}: give a table, as [{key}]")
+            raise self.error(f"{key} is {_format_value(value)}: give a table, as [{key}]")
         return TomlTable(value or {}, f"{self.name}, [{key}]")
 
     def list(self, key: str) -> list[Any]:
         """Return a list of this TOML file by its key; an empty one if it is missing."""
         value = self.value(key)
         if not isinstance(value, list | None):
-            raise self.error(f"{key} is {_shown(value)}: give a list")
+            raise self.error(f"{key} is {_format_value(value)}: give a list")
         return value or []
 
     def tables(self, key: str) -> list[TomlTable]:
@@ -448,7 +452,9 @@ def numbers(value: object, table: TomlTable, key: str, *counts: int) -> tuple[fl
         or not all(map(math.isfinite, value))
     ):
         lengths = " or ".join(map(str, counts))
-        raise table.error(f"{key} is {_shown(value)}: give a list of {lengths} finite numbers")
+        raise table.error(
+            f"{key} is {_format_value(value)}: give a list of {lengths} finite numbers"
+        )
     return tuple(map(float, value))
 
 
@@ -483,7 +489,7 @@ def _parsed(text: str) -> dict[str, object]:
 def read_text(path: Path) -> str:
     """Return the text of a file in UTF-8, with or without a byte order mark."""
     try:
-        return read_bytes(path, most=LARGEST).decode("utf-8-sig")
+        return read_bytes(path, most=MAX_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise FileFormatError(f"{path} is no UTF-8 text: save it as UTF-8") from error
 
@@ -492,7 +498,7 @@ def _is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _shown(value: object) -> str:
+def _format_value(value: object) -> str:
     return "missing" if value is None else repr(value)[:80]
 
 
@@ -539,7 +545,7 @@ def csv_entries(text: str, name: str) -> tuple[ManifestEntry, ...]:
     for number, cells in lines[1:]:
         row = _row(header, cells, f"{name}, line {number}")
         by_file.setdefault(row.file, []).append(row)
-    return tuple(_joined(rows, name) for rows in by_file.values())
+    return tuple(_join_rows(rows, name) for rows in by_file.values())
 
 
 def _require_columns(header: Sequence[str], name: str) -> None:
@@ -591,20 +597,20 @@ def _row(header: Sequence[str], cells: Sequence[str], location: str) -> _Row:
     return _Row(
         file=cells_by_column["file"],
         note=cells_by_column.get("note", ""),
-        contact=_complete(values, axes, location),
+        contact=_take_columns(values, axes, location),
         listener=_listener(values, _system(header), location),
         others=values,
     )
 
 
 def _listener(values: dict[str, float], system: tuple[str, ...], location: str) -> Place:
-    place = _complete(values, system, location)
+    place = _take_columns(values, system, location)
     if place and system == _DEGREES:
-        return cartesian((place[0], *map(math.radians, place[1:])))
-    return cartesian(place) if place and system == _SPHERICAL_COLUMNS else place
+        return to_cartesian((place[0], *map(math.radians, place[1:])))
+    return to_cartesian(place) if place and system == _SPHERICAL_COLUMNS else place
 
 
-def _complete(values: dict[str, float], columns: Sequence[str], location: str) -> Place:
+def _take_columns(values: dict[str, float], columns: Sequence[str], location: str) -> Place:
     """Take the numbers of some columns out: of all, or of none."""
     missing = [column for column in columns if column not in values]
     if missing and len(missing) < len(columns):
@@ -629,7 +635,7 @@ def _number(cell: str, column: str, location: str) -> float:
     return number
 
 
-def _joined(rows: Sequence[_Row], name: str) -> ManifestEntry:
+def _join_rows(rows: Sequence[_Row], name: str) -> ManifestEntry:
     """Return the take whose channels are some rows."""
     first, channels = rows[0], sorted(row.channel for row in rows)
     if channels != list(range(1, len(rows) + 1)):

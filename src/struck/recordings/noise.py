@@ -74,7 +74,7 @@ class Noise:
         powers = (np.abs(pieces) ** 2).mean(axis=1) / (window**2).sum()
         return cls(
             frequencies=np.arange(powers.shape[1]) * (sample_rate / size),
-            densities=np.maximum(_smooth_except_lines(powers), floor),
+            densities=np.maximum(_smooth_between_lines(powers), floor),
         )
 
     @classmethod
@@ -142,7 +142,7 @@ def _window_size(sample_rate: float, length: int) -> int:
     return 2 ** int(np.log2(target_size) + 0.5 if target_size < length else np.log2(length))
 
 
-def _smooth_except_lines(powers: Array) -> Array:
+def _smooth_between_lines(powers: Array) -> Array:
     """Average over neighbouring bins, but keep tones: bins 6 dB over the local median."""
     broad = median_filter(powers, (1, 31), mode="nearest")
     is_tone = powers > 4 * broad

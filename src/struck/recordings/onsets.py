@@ -16,7 +16,7 @@ from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 from struck.errors import counted, rounded
 from struck.model.arrays import Array, Index, Mask
 from struck.perception.auditory_scale import erb_number
-from struck.recordings.disturbances import processed
+from struck.recordings.disturbances import note_processing
 from struck.recordings.noise import blackman_harris, frames
 from struck.recordings.takes import Take, copied_channels, force_channels
 
@@ -28,7 +28,7 @@ _DEPTH = 60.0  # dynamic range below the loudest moment, dB
 # least distance of hits, search for the steepest rise, block, s
 _MIN_HIT_DISTANCE, _REACH, _BLOCK = 0.06, 0.015, 0.001
 _STEEP = 2.0  # least power ratio of the steepest rise
-_ORDER, _PAST = 32, 50  # of linear prediction, and its training, ms
+_ORDER, _PAST_TIME = 32, 50  # of linear prediction, and its training, ms
 _CLOSE = 0.01  # from a hit to its loudest moment, s
 _ARRIVAL_FRACTION = 1e-4  # share of a hit's energy before its arrival
 # A second contact: ms after a hit, least rise of the prediction's errors, and their least
@@ -54,7 +54,7 @@ class Hit:
 
 def find_hits(take: Take) -> list[Hit]:
     """Return the hits of a take in order of time; none where it only swells."""
-    onsets = list(_steepest(take, _rises(take)))
+    onsets = list(_find_steepest(take, _rises(take)))
     ends = [*onsets, take.samples.shape[1]][1:]
     hits = [hit_at(take, onset, end) for onset, end in zip(onsets, ends, strict=True)]
     if not hits or hits[0].onset >= _EDGE * take.sample_rate:
@@ -200,7 +200,7 @@ def _band_powers(channel: Array, size: int, step: int, take: Take) -> Array:
     return powers / powers.sum(axis=1).max()
 
 
-def _steepest(take: Take, candidates: Index) -> Iterator[int]:
+def _find_steepest(take: Take, candidates: Index) -> Iterator[int]:
     """Yield the sample of the steepest rise near each candidate, where there is one."""
     size = max(1, round(_BLOCK * take.sample_rate))
     reach = round(_REACH * take.sample_rate)
@@ -221,11 +221,11 @@ def _rise(samples: Array, first: int, last: int, size: int) -> Array:
     The energy is that of the prediction error: a ringing tail is predicted, a hit is not.
     """
     margin = 4 * size
-    start, stop = max(0, first - margin), min(samples.shape[1], last + margin)
-    energy = np.zeros(stop - start)
+    start, end = max(0, first - margin), min(samples.shape[1], last + margin)
+    energy = np.zeros(end - start)
     for channel in samples:
-        past_samples = channel[max(0, start - _PAST * size) : start]
-        surprise = _unpredicted(past_samples, channel[start:stop])
+        past_samples = channel[max(0, start - _PAST_TIME * size) : start]
+        surprise = _squared_errors(past_samples, channel[start:end])
         energy += surprise / max(float(surprise.mean()), 1e-300)
     later_energy = uniform_filter1d(energy, size, origin=-(size // 2), mode="constant")
     earlier_energy = uniform_filter1d(energy, margin, origin=margin // 2 - 1, mode="constant")
@@ -233,7 +233,7 @@ def _rise(samples: Array, first: int, last: int, size: int) -> Array:
     return rise[first - start : last - start]
 
 
-def _unpredicted(past_samples: Array, samples: Array) -> Array:
+def _squared_errors(past_samples: Array, samples: Array) -> Array:
     """Return squared errors of linear prediction with coefficients of the past."""
     if len(past_samples) < 4 * _ORDER or not np.ptp(past_samples):
         return np.square(np.diff(samples, prepend=0.0))
@@ -266,19 +266,21 @@ _LOOP_WINDOW, _PLACES, _MIN_LOOP_TIME = 64, 32, 0.03
 _QUANTUM = 2.0**-23  # 24 bits: a level below its rounding is not the sound of a room
 
 
-def clipped(take: Take) -> Mask:
+def find_clipped(take: Take) -> Mask:
     """Return which samples (n,) are cut off: a flat top at full scale, or three below it."""
     is_clipped = np.zeros(take.samples.shape[1], bool)
     for channel in take.samples:
         for side in (channel, -channel):
             top = side.max()
             is_flat = np.convolve(side == top, np.ones(_FLAT), "valid") > _FLAT - 0.5
-            runs = np.count_nonzero(np.diff(is_flat.astype(int), prepend=0) == 1)
+            run_count = np.count_nonzero(np.diff(is_flat.astype(int), prepend=0) == 1)
             # Tops of high tones are short, and soft ones flat by rounding; but where they are cut
             # off, more samples are at the top than just below it.
             flat = np.count_nonzero(side == top)
             is_cut = flat > np.count_nonzero((side > top - max(top / 100, _STEPS)) & (side < top))
-            if (runs and top >= _FULL_SCALE) or (is_cut and (flat > _SPIKE or runs >= _TOPS)):
+            if (run_count and top >= _FULL_SCALE) or (
+                is_cut and (flat > _SPIKE or run_count >= _TOPS)
+            ):
                 is_clipped |= side == top
     return is_clipped
 
@@ -305,9 +307,9 @@ def findings(take: Take, hits: Sequence[Hit]) -> Iterator[str]:
     """Yield the faults of a take, one sentence each."""
     yield from _forces(take)
     yield from _clipping(take)
-    yield from processed(take)
+    yield from note_processing(take)
     yield from _loops(take)
-    yield from _short(take, hits)
+    yield from _note_short_take(take, hits)
     yield from _touches(take, hits)
     peak = 20 * np.log10(np.abs(take.samples).max())
     if peak < _QUIET_LEVEL:
@@ -362,7 +364,7 @@ def _touches(take: Take, hits: Sequence[Hit]) -> Iterator[str]:
         )
 
 
-def _short(take: Take, hits: Sequence[Hit]) -> Iterator[str]:
+def _note_short_take(take: Take, hits: Sequence[Hit]) -> Iterator[str]:
     """Yield a remark for a take that ends, or is struck again, while the body still sounds."""
     longest = max(hits, key=lambda hit: hit.end - hit.onset)
     seconds = (longest.end - longest.onset) / take.sample_rate
@@ -416,7 +418,7 @@ def _forces(take: Take) -> Iterator[str]:
 
 
 def _clipping(take: Take) -> Iterator[str]:
-    count = np.count_nonzero(clipped(take))
+    count = np.count_nonzero(find_clipped(take))
     if count:
         yield (
             f"{take.name} is clipped for {1e3 * count / take.sample_rate:.1f} ms: the sound after "

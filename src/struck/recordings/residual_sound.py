@@ -10,10 +10,10 @@ from struck.errors import OptionError, RecordingError
 from struck.model.arrays import Array, Mask
 from struck.model.residual import FADE, Residual
 from struck.perception.auditory_scale import erb_number, frequency_of
-from struck.recordings.gain_table import Gathered
+from struck.recordings.gain_table import GainTable
 from struck.recordings.onsets import find_hits
 from struck.recordings.poles.search import PoleFit
-from struck.recordings.takes import Recorded, Recording, Take, take_of
+from struck.recordings.takes import Recording, RecordingSet, Take, take_of
 
 # A room responds to a hit with thousands of room modes, each about as short-lived as its
 # reverberation. Modes of the object that last clearly longer cannot be mistaken for them.
@@ -88,14 +88,16 @@ def ear_bands(sample_rate: float) -> Array:
     return frequency_of(np.linspace(low, high, 1 + max(1, round(high - low))))
 
 
-def remainder(fit: PoleFit, recorded: Recorded, gathered: Gathered) -> tuple[Residual, float]:
+def remainder(
+    fit: PoleFit, recording_set: RecordingSet, gain_table: GainTable
+) -> tuple[Residual, float]:
     """Return attack and noise that a fit leaves of its loudest hit, as heard from 1 m.
 
     With them: by how many dB a band of the ear that counts is short without them, at most.
     """
-    row = loudest(fit)
-    rate = recorded.takes[fit.rows[row].take].sample_rate
-    original, left, lead = _hit_and_residual(fit, recorded, gathered, row)
+    row = loudest_row(fit)
+    rate = recording_set.takes[fit.rows[row].take].sample_rate
+    original, left, lead = _hit_and_residual(fit, recording_set, gain_table, row)
     length = min(round(ATTACK * rate), len(left))
     fade = min(round(FADE * rate), length)
     attack = left[:length].copy()
@@ -123,7 +125,7 @@ def remainder(fit: PoleFit, recorded: Recorded, gathered: Gathered) -> tuple[Res
     times = np.arange(max(1, len(original[compared_range]))) / rate
     rising = np.sin(np.pi / 2 * np.minimum(times / FADE, 1)) ** 4
     unit = np.exp(-2 * np.outer(decays, times)) @ rising
-    distance = recorded.distance(fit.rows[row].take, fit.rows[row].channel)
+    distance = recording_set.distance(fit.rows[row].take, fit.rows[row].channel)
     residual = Residual(
         attack=(distance * attack).astype(np.float32),
         sample_rate=rate,
@@ -147,23 +149,23 @@ def _clear_of(floor: Array, samples: Array, sample_rate: float, edges: Array) ->
 
 
 def _hit_and_residual(
-    fit: PoleFit, recorded: Recorded, gathered: Gathered, row: int
+    fit: PoleFit, recording_set: RecordingSet, gain_table: GainTable, row: int
 ) -> tuple[Array, Array, float]:
     """Return a hit from its onset on, its residual, and when its modes set in, s."""
     entry = fit.rows[row]
-    take = recorded.takes[entry.take]
+    take = recording_set.takes[entry.take]
     segment, _ = fit.samples_and_model(row)
     first = round(entry.onset * take.sample_rate)
     last = round(entry.time * take.sample_rate) + len(segment)
     original = take.samples[entry.channel, first:last]
-    sets_in = round((gathered.arrivals[row] + gathered.lead) * take.sample_rate) - first
+    sets_in = round((gain_table.arrivals[row] + gain_table.lead) * take.sample_rate) - first
     lead = int(np.clip(sets_in, 0, round(ATTACK / 2 * take.sample_rate)))
     left = original.copy()
     left[lead:] -= fit.ringing(row, (first + lead) / take.sample_rate, len(left) - lead)
     return original, left, lead / take.sample_rate
 
 
-def loudest(fit: PoleFit) -> int:
+def loudest_row(fit: PoleFit) -> int:
     """Return the number of the row with the most energy."""
     return int(
         np.argmax([(fit.samples_and_model(row)[0] ** 2).sum() for row in range(len(fit.rows))])
@@ -172,14 +174,14 @@ def loudest(fit: PoleFit) -> int:
 
 def one_strike(fit: PoleFit) -> float:
     """Return the share of the energy of a take's hits that one strike, the loudest, explains."""
-    loudest_row = fit.rows[loudest(fit)]
+    best_row = fit.rows[loudest_row(fit)]
     total_energy = explained_energy = 0.0
     for row, entry in enumerate(fit.rows):
-        if entry.take == loudest_row.take:
+        if entry.take == best_row.take:
             sound, model = fit.samples_and_model(row)
             energy = float((sound**2).sum())
             total_energy += energy
-            explained_energy += (entry.hit == loudest_row.hit) * (
+            explained_energy += (entry.hit == best_row.hit) * (
                 energy - float(((sound - model) ** 2).sum())
             )
     return max(explained_energy / total_energy, 0.0) if total_energy else 0.0

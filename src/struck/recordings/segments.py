@@ -14,7 +14,7 @@ from struck.errors import RecordingError
 from struck.model.arrays import Array
 from struck.model.exponentials import Exponentials, SegmentSpectrum, samples
 from struck.recordings.noise import Noise
-from struck.recordings.onsets import Hit, clipped, lead_in
+from struck.recordings.onsets import Hit, find_clipped, lead_in
 from struck.recordings.takes import Take
 
 _FEWEST_SAMPLES = 1024  # samples of the shortest spectrum
@@ -64,10 +64,10 @@ class Segment:
         """Length of the segment, s."""
         return self.samples.shape[1] / self.sample_rate
 
-    def levels(self, slowest: Array) -> NDArray[np.int64]:
+    def levels(self, min_decays: Array) -> NDArray[np.int64]:
         """Return the number of the shortest spectrum in which each mode (decays, 1/s) is over."""
         durations = np.array([spectrum.length for spectrum in self.spectra]) / self.sample_rate
-        is_long_enough = durations[:, None] >= _RINGING_TIMES / slowest
+        is_long_enough = durations[:, None] >= _RINGING_TIMES / min_decays
         return np.maximum(is_long_enough.sum(axis=0) - 1, 0)
 
     def model(self, ringing: Exponentials) -> Array:
@@ -90,8 +90,8 @@ class Segment:
 
 
 _QUANTUM = 1e-5  # least standard deviation of noise, over the peak
-_MAX_EXAMINED = 65536  # samples
-SHORTEST, _LONGEST = 0.05, 30.0  # of a segment, s
+_STEP_SAMPLES = 65536  # samples
+MIN_DURATION, _MAX_DURATION = 0.05, 30.0  # of a segment, s
 _MAX_CLIPPED_TIME = 0.05  # longest clipped beginning of a hit, s
 _BLOCK = 0.05  # s
 _OVER_NOISE = 2.0
@@ -147,7 +147,7 @@ def cut_takes(
         stretches = list(_stretches(number, take, starting_hits))
         if not stretches:
             raise RecordingError(
-                f"no hit of {take.name} rings freely for {SHORTEST} s: record single hits that "
+                f"no hit of {take.name} rings freely for {MIN_DURATION} s: record single hits that "
                 f"are not clipped, and on for a second or more{_ends_soon(take, starting_hits[-1])}"
             )
         all_stretches += stretches
@@ -159,7 +159,7 @@ def _ends_soon(take: Take, hit: Hit) -> str:
     samples_left = take.samples.shape[1] - hit.start
     text = f"; it ends {1000 * samples_left / take.sample_rate:.0f} ms after its last hit: "
     reason = "it is cut off there, or it breaks off and nothing was struck"
-    return f"{text}{reason}" if samples_left < 2 * SHORTEST * take.sample_rate else ""
+    return f"{text}{reason}" if samples_left < 2 * MIN_DURATION * take.sample_rate else ""
 
 
 def join_stretches(stretches: Sequence[Stretch]) -> tuple[list[Segment], list[Row]]:
@@ -184,12 +184,12 @@ def join_stretches(stretches: Sequence[Stretch]) -> tuple[list[Segment], list[Ro
 
 
 def _stretches(number: int, take: Take, hits: Sequence[Hit]) -> Iterator[Stretch]:
-    before = lead_in(take, hits)
+    lead_in_samples = lead_in(take, hits)
     floor = max((_QUANTUM * float(np.abs(take.samples).max())) ** 2, _step(take) ** 2 / 12)
-    ambient_samples = before if before.shape[1] else take.samples
-    measure = Noise.heard_in if before.shape[1] else Noise.quietest
+    ambient_samples = lead_in_samples if lead_in_samples.shape[1] else take.samples
+    measure = Noise.heard_in if lead_in_samples.shape[1] else Noise.quietest
     noise = measure(ambient_samples, take.sample_rate, floor)
-    is_clipped = clipped(take)
+    is_clipped = find_clipped(take)
     max_clipped_length = round(_MAX_CLIPPED_TIME * take.sample_rate)
     firsts = [
         take.samples[:, hit.start : min(hit.end, hit.start + max_clipped_length)] for hit in hits
@@ -198,16 +198,16 @@ def _stretches(number: int, take: Take, hits: Sequence[Hit]) -> Iterator[Stretch
     for place, hit in enumerate(hits):
         if loudness[place] < _MIN_HIT_RATIO * max(loudness):
             continue
-        unclipped_hit = _after_clipping(hit, is_clipped, take.sample_rate)
+        unclipped_hit = _skip_clipping(hit, is_clipped, take.sample_rate)
         end = _find_end(take, unclipped_hit, noise)
-        if end - unclipped_hit.start >= SHORTEST * take.sample_rate:
+        if end - unclipped_hit.start >= MIN_DURATION * take.sample_rate:
             yield Stretch(
                 take=number,
                 number=place,
                 hit=unclipped_hit,
                 samples=take.samples[:, unclipped_hit.start : end],
                 noise=noise,
-                before=before,
+                before=lead_in_samples,
                 sample_rate=take.sample_rate,
             )
 
@@ -216,12 +216,12 @@ def _step(take: Take) -> float:
     """Return the least difference between samples: rounding to 16 bits is noise, too."""
     loudest_sample = int(np.abs(take.samples).max(axis=0).argmax())
     values = np.unique(
-        take.samples[:, max(0, loudest_sample - _MAX_EXAMINED // 8) :][:, :_MAX_EXAMINED]
+        take.samples[:, max(0, loudest_sample - _STEP_SAMPLES // 8) :][:, :_STEP_SAMPLES]
     )
     return float(np.diff(values).min(initial=np.inf)) if len(values) > 1 else 0.0
 
 
-def _after_clipping(hit: Hit, flat: NDArray[np.bool_], sample_rate: int) -> Hit:
+def _skip_clipping(hit: Hit, flat: NDArray[np.bool_], sample_rate: int) -> Hit:
     """Begin after the last clipped sample; leave the hit out (empty) if that is late."""
     clipped_samples = np.flatnonzero(flat[hit.onset : hit.end])
     if not len(clipped_samples):
@@ -234,7 +234,7 @@ def _after_clipping(hit: Hit, flat: NDArray[np.bool_], sample_rate: int) -> Hit:
 def _find_end(take: Take, hit: Hit, noise: Noise) -> int:
     """Return where a hit is over: twice as late as it falls into the noise, on a coarse grid."""
     size = round(_BLOCK * take.sample_rate)
-    end = min(hit.end, hit.start + round(_LONGEST * take.sample_rate))
+    end = min(hit.end, hit.start + round(_MAX_DURATION * take.sample_rate))
     count = (end - hit.start) // size
     if count < 1:
         return hit.start

@@ -137,11 +137,11 @@ def _require_sound(samples: Array, sample_rate: float, name: str) -> None:
             f"{rounded(samples.shape[1] / sample_rate, 3)} s: give {_MIN_DURATION} s or more, "
             "better a second"
         )
-    wrong = np.count_nonzero(~np.isfinite(samples))
-    if wrong:
+    invalid_count = np.count_nonzero(~np.isfinite(samples))
+    if invalid_count:
         first = int(np.argmax(~np.isfinite(samples).all(axis=0)))
         raise RecordingError(
-            f"{wrong} samples of {name} are not finite numbers, the first at "
+            f"{invalid_count} samples of {name} are not finite numbers, the first at "
             f"{first / sample_rate:.4f} s: record or export it again"
         )
     silent = [str(number) for number, channel in enumerate(samples, 1) if not np.ptp(channel)]
@@ -242,13 +242,13 @@ def _is_force(channel: Array, sample_rate: int) -> bool:
     peak = int(np.argmax(energy))
     width = round(_PULSE * sample_rate)
     first = max(0, peak - width)
-    pulse, whole = (
+    pulse, total_energy = (
         energy[first : peak + width],
         energy[first : peak + round(_QUIET_TIME * sample_rate)],
     )
     signed_energy = np.abs((np.sign(centred[first : peak + width]) * pulse).sum())
     return bool(
-        pulse.sum() > _MIN_PULSE_FRACTION * whole.sum()
+        pulse.sum() > _MIN_PULSE_FRACTION * total_energy.sum()
         and signed_energy > _MIN_SIGN_FRACTION * pulse.sum()
     )
 
@@ -259,7 +259,7 @@ _ONE = (str, os.PathLike, Sound, Take)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Recorded:
+class RecordingSet:
     """Takes of one object with the places of their contacts and listeners."""
 
     takes: tuple[Take, ...]
@@ -276,7 +276,7 @@ class Recorded:
             raise OptionError(f"centre is {self.centre.tolist()}: give x, y, z, m")
         _require_contacts(self)
         if self.listeners is not None:
-            object.__setattr__(self, "listeners", tuple(_of_all_channels(self)))
+            object.__setattr__(self, "listeners", tuple(_positions_of_channels(self)))
 
     def distance(self, take: int, channel: int) -> float:
         """Return how far from the centre a channel listened, m; 1 where unknown."""
@@ -295,10 +295,10 @@ class Recorded:
         symmetry: str | None = None,
         centre: ArrayLike | None = None,
         progress: Progress = silent,
-    ) -> Recorded:
+    ) -> RecordingSet:
         """Read recordings and their places; see `struck.recordings.fit.fit_recordings`."""
         sources = _require_several(recordings)
-        takes_manifest = _manifest(sources, manifest)
+        takes_manifest = _find_manifest(sources, manifest)
         if takes_manifest is None:
             takes = tuple(_read_takes(sources, progress))
             return cls(
@@ -318,7 +318,7 @@ class Recorded:
     @classmethod
     def _of_manifest(
         cls, manifest: Manifest, symmetry: str | None, centre: ArrayLike | None, progress: Progress
-    ) -> Recorded:
+    ) -> RecordingSet:
         contacts = np.array([entry.contact for entry in manifest.entries])
         listeners = tuple(np.array(entry.listeners) for entry in manifest.entries)
         return cls(
@@ -331,7 +331,7 @@ class Recorded:
         )
 
 
-def _manifest(
+def _find_manifest(
     recordings: list[Recording], manifest: str | os.PathLike[str] | None
 ) -> Manifest | None:
     """Return the manifest that was named, or that is itself the recording, or lies in a folder."""
@@ -410,8 +410,8 @@ def _microphones(
     return tuple(place[None] if place.ndim == 1 else place for place in points)
 
 
-def _require_contacts(recorded: Recorded) -> None:
-    contacts, count = recorded.contacts, len(recorded.takes)
+def _require_contacts(recording_set: RecordingSet) -> None:
+    contacts, count = recording_set.contacts, len(recording_set.takes)
     if contacts is None:
         return
     if contacts.ndim != 2 or len(contacts) != count or contacts.shape[1] not in {1, 2}:
@@ -423,9 +423,9 @@ def _require_contacts(recorded: Recorded) -> None:
         raise OptionError("a contact is not finite: give numbers")
 
 
-def _of_all_channels(recorded: Recorded) -> Iterator[Array]:
+def _positions_of_channels(recording_set: RecordingSet) -> Iterator[Array]:
     """Yield each take's places (channels, 3), NaN for channels that hold a force."""
-    listeners, takes = recorded.listeners or (), recorded.takes
+    listeners, takes = recording_set.listeners or (), recording_set.takes
     if len(listeners) != len(takes):
         raise OptionError(
             f"listeners are given for {len(listeners)} recordings of {len(takes)}: give them for "

@@ -22,8 +22,8 @@ from struck.model.model import ModalModel
 from struck.recordings.fit import Fitting
 from struck.recordings.poles.search import PoleFit
 from struck.recordings.poles.verdict import MODAL_MARGIN, ModalVerdict
-from struck.recordings.residual_sound import loudest, one_strike
-from struck.recordings.takes import Recorded
+from struck.recordings.residual_sound import loudest_row, one_strike
+from struck.recordings.takes import RecordingSet
 from struck.report import fit_pictures
 from struck.report.fit_pictures import (
     Energies,
@@ -112,7 +112,7 @@ def _with_rest(fitting: Fitting, hit: RenderedHit) -> RenderedHit:
     fitted, recorded, residual = fitting.fitted, fitting.recorded, fitting.residual
     if fitting.model.residual is None and not residual.levels.any():
         return hit
-    row = fitted.rows[loudest(fitted)]
+    row = fitted.rows[loudest_row(fitted)]
     return with_residual(hit, residual, recorded.distance(row.take, row.channel))
 
 
@@ -376,7 +376,7 @@ def place_columns(rank_errors: Array, unmeasured: Mask) -> list[list[str]]:
     ]
 
 
-def take_table(fitted: PoleFit, recorded: Recorded, energies: Energies) -> list[list[str]]:
+def take_table(fitted: PoleFit, recorded: RecordingSet, energies: Energies) -> list[list[str]]:
     """Return a row for each take, under `TAKES`."""
     names = short_names(recorded)
     return [
@@ -385,7 +385,7 @@ def take_table(fitted: PoleFit, recorded: Recorded, energies: Energies) -> list[
     ]
 
 
-def short_names(recorded: Recorded) -> list[str]:
+def short_names(recorded: RecordingSet) -> list[str]:
     """Return the names of takes without folders, where all names remain different."""
     names = [take.name for take in recorded.takes]
     short = [PurePath(name).name or name for name in names]
@@ -408,7 +408,7 @@ def _levels(fitted: PoleFit) -> Array:
 
 
 def _take_row(
-    name: str, number: int, fitted: PoleFit, recorded: Recorded, energies: Energies
+    name: str, number: int, fitted: PoleFit, recorded: RecordingSet, energies: Energies
 ) -> list[str]:
     take = recorded.takes[number]
     hits = [rows for rows in hits_of(fitted) if fitted.rows[rows[0]].take == number]

@@ -16,7 +16,7 @@ from struck.model.residual import Residual
 from struck.model.survey import Survey
 from struck.recordings.gain_table import arrivals
 from struck.recordings.poles.search import PoleFit
-from struck.recordings.takes import Recorded
+from struck.recordings.takes import RecordingSet
 from struck.report.charts import (
     BLUE,
     FAINT,
@@ -142,7 +142,7 @@ def chosen_hits(fitted: PoleFit, energies: Energies, most: int = MOST) -> list[l
     return [loudest, *(spread[place] for place in places)]
 
 
-def setting_in(fitted: PoleFit, recorded: Recorded, lead: float) -> Array:
+def setting_in(fitted: PoleFit, recorded: RecordingSet, lead: float) -> Array:
     """Return when the modes of each row set in (rows,), s in its take."""
     # As long after the sound arrived as the model has it, but hardly before what was fitted: run
     # backwards, fast modes grow beyond all bounds.
@@ -150,7 +150,9 @@ def setting_in(fitted: PoleFit, recorded: Recorded, lead: float) -> Array:
     return np.maximum(arrivals(fitted, recorded) + lead, times - _BACKWARDS)
 
 
-def played(fitted: PoleFit, recorded: Recorded, rows: Sequence[int], times: Array) -> RenderedHit:
+def played(
+    fitted: PoleFit, recorded: RecordingSet, rows: Sequence[int], times: Array
+) -> RenderedHit:
     """Return one hit of some rows, in the loudest channel where there are more than two."""
     heard = [fitted.samples_and_model(row)[0] for row in rows]
     if len(rows) > _EARS:

@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from struck.model.exponentials import Exponentials
 from struck.recordings.noise import Noise
-from struck.recordings.poles.refinement import blocks_around, labelled, refine_attempt
+from struck.recordings.poles.refinement import blocks_around, label_groups, refine_attempt
 from struck.recordings.segments import Segment
 from tests.recordings.scenes import RATE, ringing
 
@@ -114,5 +114,5 @@ def test_coupled_modes_are_connected_components(threshold: float) -> None:
     halves = np.random.default_rng(2).random((60, 60)) ** 40
     coupling = np.maximum(halves, halves.T)
     count, labels = connected_components(coupling > threshold, directed=False)
-    ours = labelled(coupling, threshold, 60)
+    ours = label_groups(coupling, threshold, 60)
     assert len(set(zip(labels, ours, strict=True))) == count == ours.max() + 1

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from struck.model.exponentials import Exponentials
 from struck.recordings.noise import Noise
-from struck.recordings.poles.refinement import overlapping, overlaps, refine
-from struck.recordings.poles.selection import energies, prune, significance, split
+from struck.recordings.poles.refinement import find_groups, overlaps, refine
+from struck.recordings.poles.selection import energies, prune, significance, split_pairs
 from struck.recordings.segments import Segment
 from tests.recordings.scenes import RATE, ringing
 
@@ -30,7 +30,7 @@ def heard(poles: Complex, gains: Complex, noise: float, seed: int = 0) -> Segmen
 
 @pytest.mark.parametrize("count", [0, 1, 7, 300])
 def test_each_mode_is_in_one_group_of_at_most_40(count: int) -> None:
-    groups = overlapping(some_poles(1, count), 2.0)
+    groups = find_groups(some_poles(1, count), 2.0)
     assert sorted(np.concatenate([np.zeros(0, int), *groups])) == list(range(count))
     assert all(len(group) <= 40 for group in groups)
 
@@ -80,6 +80,6 @@ def test_two_modes_that_passed_for_one_are_split_and_one_is_not() -> None:
     for poles, expected in ((two, 2), (two[:1], 1)):
         segment = heard(poles, np.ones((1, len(poles)), complex), 0.01)
         start = Exponentials(poles=two[:1], gains=np.zeros((1, 1), complex))
-        found = split([segment], refine([segment], start, 6, steps=4))
+        found = split_pairs([segment], refine([segment], start, 6, steps=4))
         assert found.count == expected
         assert np.sort(found.frequencies) == pytest.approx(poles.imag / (2 * np.pi), abs=0.02)

@@ -49,8 +49,8 @@ class Expected:
     def follows(self) -> bool:
         """Whether the model knows how its modes follow Poisson's ratio."""
         slopes = self.model.poisson_slopes
-        known = slopes is not None and bool(np.isfinite(slopes).all())
-        return known and self.model.material is not None and not self.model.tensioned
+        is_known = slopes is not None and bool(np.isfinite(slopes).all())
+        return is_known and self.model.material is not None and not self.model.tensioned
 
     def remade(self, ratio: float) -> Stiffness:
         """Return the modes with another Poisson's ratio, Young's modulus and density kept."""
@@ -127,13 +127,14 @@ def densities(logarithms: Array) -> Array:
     return np.maximum(high - low, 1) / np.maximum(spans, 1e-3)
 
 
-def guesses(log_frequencies: Array, expected: Expected, widest: float) -> Hypotheses:
-    """Return likely factors up to `widest` and Poisson's ratios for ascending ln f0 (M,)."""
-    if widest == 1:
+def guesses(log_frequencies: Array, expected: Expected, max_factor: float) -> Hypotheses:
+    """Return likely factors up to `max_factor` and Poisson's ratios for ascending ln f0 (M,)."""
+    if max_factor == 1:
         ratios = np.array([expected.poisson_ratio])
         return Hypotheses.of(np.zeros(1), ratios, np.array([_WIDTHS[0]]))
     votes = [
-        _find_votes(log_frequencies, expected, float(np.log(widest)), width) for width in _WIDTHS
+        _find_votes(log_frequencies, expected, float(np.log(max_factor)), width)
+        for width in _WIDTHS
     ]
     return Hypotheses.of(*(np.concatenate(values) for values in zip(*votes, strict=True)))
 
@@ -165,8 +166,8 @@ def _votes(
     log_frequencies: Array, expected_logarithms: Array, weights: Array, edges: Array
 ) -> Array:
     differences = log_frequencies[:, None] - expected_logarithms
-    spread = np.broadcast_to(weights[:, None], differences.shape)
-    counts, _ = np.histogram(differences, edges, weights=spread)
+    spread_weights = np.broadcast_to(weights[:, None], differences.shape)
+    counts, _ = np.histogram(differences, edges, weights=spread_weights)
     return np.convolve(counts, [0.5, 1.0, 0.5], mode="same")
 
 
@@ -200,15 +201,17 @@ def posteriors(odds: Array) -> tuple[Array, Array]:
     `odds` (H, M, N) are likelihoods of each pair over those of two unpaired entries; the
     empty matching has the likelihood 1.
     """
-    first, reached = _sums(odds)
-    last, left = _sums(odds[:, ::-1, ::-1])
-    before, after = first[:-1, :, :-1], last[::-1, :, ::-1][1:, :, 1:]
+    first, reached = _sum_matchings(odds)
+    last, left = _sum_matchings(odds[:, ::-1, ::-1])
+    sums_before, sums_after = first[:-1, :, :-1], last[::-1, :, ::-1][1:, :, 1:]
     total = reached[-1]
     scale = np.exp(reached[:-1] + left[::-1][1:] - total)
-    return before.swapaxes(0, 1) * odds * (after * scale[:, :, None]).swapaxes(0, 1), total
+    return sums_before.swapaxes(0, 1) * odds * (sums_after * scale[:, :, None]).swapaxes(
+        0, 1
+    ), total
 
 
-def _sums(odds: Array) -> tuple[Array, Array]:
+def _sum_matchings(odds: Array) -> tuple[Array, Array]:
     """Return sums over the matchings of the first i with the first j entries (M + 1, H, N + 1).
 
     Each row is divided by its largest, whose logarithm (M + 1, H) is returned too. Entry i is
@@ -222,9 +225,9 @@ def _sums(odds: Array) -> tuple[Array, Array]:
         np.cumsum(odds[:, row] * row_sums[:, :-1], axis=1, out=following[:, 1:])
         following[:, 0] = 0.0
         following += row_sums
-        largest = following[:, -1:].copy()
-        following /= largest
-        logarithms[row + 1] = logarithms[row] + np.log(largest[:, 0])
+        row_maxima = following[:, -1:].copy()
+        following /= row_maxima
+        logarithms[row + 1] = logarithms[row] + np.log(row_maxima[:, 0])
     return sums, logarithms
 
 
@@ -306,14 +309,14 @@ class Partials:
             else _LISTENER_DISTANCE + 2 * model.geometry.extent
         )
         outputs = model.gains.toward(centre[None] + [reach, 0.0, 0.0])[0]
-        unknown = np.zeros(len(model.frequencies))
-        errors = unknown if model.errors is None else np.nan_to_num(model.errors)
+        zeros = np.zeros(len(model.frequencies))
+        errors = zeros if model.errors is None else np.nan_to_num(model.errors)
         return cls(
             frequencies=model.frequencies,
             decays=model.decays,
             amplitudes=np.abs((drives * outputs).sum(axis=0)),
             frequency_errors=errors * model.frequencies,
-            decay_errors=unknown,
+            decay_errors=zeros,
         )
 
     @property
@@ -322,8 +325,8 @@ class Partials:
         return np.hypot(self.frequencies, self.decays / (2 * np.pi))
 
 
-def _errors(fitted: Any, name: str, count: int) -> Array:  # noqa: ANN401 - any result of a fit
-    stated_errors = getattr(fitted, name, None)
+def _errors(fit: Any, name: str, count: int) -> Array:  # noqa: ANN401 - any result of a fit
+    stated_errors = getattr(fit, name, None)
     return (
         np.zeros(count)
         if stated_errors is None
@@ -359,9 +362,9 @@ class Evidence:
 
     def over_modes(self) -> Array:
         """Return the probability of each pair (H, M, N), by numbers of the computed modes."""
-        numbered = np.zeros_like(self.pairs)
-        np.put_along_axis(numbered, self.order[:, None], self.pairs, axis=2)
-        return numbered
+        pairs = np.zeros_like(self.pairs)
+        np.put_along_axis(pairs, self.order[:, None], self.pairs, axis=2)
+        return pairs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

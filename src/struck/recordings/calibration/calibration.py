@@ -80,7 +80,7 @@ def corrected(
     natural, decays = natural[order], decays[order]
     slopes, material = model.poisson_slopes, model.material
     ratios = partials.natural_frequencies[pairs.fitted] / model.natural_frequencies[pairs.computed]
-    count, every = len(pairs), len(natural)
+    count, mode_count = len(pairs), len(natural)
     return replace(
         model,
         natural_frequencies=natural,
@@ -92,7 +92,9 @@ def corrected(
         poisson_slopes=None if slopes is None else slopes[order],
         errors=_errors(model, partials, pairs)[order],
         provenance=model.provenance.extended(
-            corrected=f"{count} of {every} modes ring as recorded, {every - count} follow them",
+            corrected=(
+                f"{count} of {mode_count} modes ring as recorded, {mode_count - count} follow them"
+            ),
             recorded_over_computed=pairs.factor,
         ),
     )
@@ -100,11 +102,11 @@ def corrected(
 
 def _frequencies(model: ModalModel, partials: Partials, pairs: Pairing) -> Array:
     """Return natural frequencies in the model's order, Hz."""
-    computed = model.natural_frequencies
+    model_frequencies = model.natural_frequencies
     natural = pairs.expected.copy()
     natural[pairs.computed] = partials.natural_frequencies[pairs.fitted]
     for mode in pairs.missing:
-        gaps = np.abs(computed[pairs.computed] / computed[mode] - 1)
+        gaps = np.abs(model_frequencies[pairs.computed] / model_frequencies[mode] - 1)
         if gaps.min() < _SHARED:
             natural[mode] = natural[pairs.computed[np.argmin(gaps)]]
     return natural
@@ -341,8 +343,8 @@ class Calibration:
         if not 0 < level < 1:
             raise OptionError(f"level is {level}: give a probability between 0 and 1")
         reach = float(student.ppf((1 + level) / 2, self.freedom))
-        relative, ratio = self.standard_errors
-        stretch = np.exp(reach * relative)
+        stiffness_error, ratio = self.standard_errors
+        stretch = np.exp(reach * stiffness_error)
         return (
             (self.specific_stiffness / stretch, self.specific_stiffness * stretch),
             (self.poisson_ratio - reach * ratio, self.poisson_ratio + reach * ratio),

@@ -96,10 +96,10 @@ class LossCurve:
 
 
 LossLaw = Terms | LossCurve
-_NAME_OF_BOTH = "loss tangent and external"
+_TWO_LOSSES_NAME = "loss tangent and external"
 LAWS = (
     Terms(name="loss tangent", kind=InternalFriction, labels=("loss_tangent",)),
-    Terms(name=_NAME_OF_BOTH, kind=InternalFriction, labels=("loss_tangent", "external")),
+    Terms(name=_TWO_LOSSES_NAME, kind=InternalFriction, labels=("loss_tangent", "external")),
     Terms(name="Rayleigh", kind=Rayleigh, labels=("mass", "stiffness")),
 )
 

@@ -81,7 +81,7 @@ def paired(
         raise RecordingError("the model has 0 modes to pair with: widen its band")
     if not (np.isfinite(widest) and widest >= 1):
         raise OptionError(f"widest is {widest}: give the largest factor, at least 1")
-    shares = _shares(audible, len(model.frequencies))
+    shares = _audible_fractions(audible, len(model.frequencies))
     agreement = Agreement.of(partials, Expected(model=model), shares)
     cases, likelihoods = _guess_hypotheses(agreement, widest)
     best_cases = np.argsort(-likelihoods, kind="stable")[:_RIVALS]
@@ -89,22 +89,22 @@ def paired(
     return _decide(agreement, cases, np.argsort(partials.natural_frequencies, kind="stable"))
 
 
-def first_support(partials: Partials, model: ModalModel, widest: float = 2.0) -> float:
+def first_support(partials: Partials, model: ModalModel, max_factor: float = 2.0) -> float:
     """Return about the support of the best pairing: ln of its likelihood after a few rounds."""
-    shares = _shares(None, len(model.frequencies))
+    shares = _audible_fractions(None, len(model.frequencies))
     agreement = Agreement.of(partials, Expected(model=model), shares)
-    return float(_guess_hypotheses(agreement, widest)[1].max())
+    return float(_guess_hypotheses(agreement, max_factor)[1].max())
 
 
-def _guess_hypotheses(agreement: Agreement, widest: float) -> tuple[Hypotheses, Array]:
+def _guess_hypotheses(agreement: Agreement, max_factor: float) -> tuple[Hypotheses, Array]:
     """Return hypotheses with their likelihoods, a few rounds from the first guesses."""
     cases = _improve(
-        agreement, guesses(agreement.log_frequencies, agreement.expected, widest), _FIRST_ROUNDS
+        agreement, guesses(agreement.log_frequencies, agreement.expected, max_factor), _FIRST_ROUNDS
     )
     return cases, agreement.under(cases).likelihoods
 
 
-def _shares(audible: ArrayLike | None, count: int) -> Array:
+def _audible_fractions(audible: ArrayLike | None, count: int) -> Array:
     shares = np.ones(count) if audible is None else np.asarray(audible, np.float64)
     if shares.shape != (count,) or not ((shares >= 0) & (shares <= 1)).all():
         raise OptionError(
@@ -200,28 +200,28 @@ _TWINS = 1e-3  # relative distance of modes that are one frequency's
 _SMOOTHING_MODES = 4  # modes between the knots of the curve that random frequencies follow
 
 
-def explains(fitted: FittedModes | Partials, model: ModalModel, pairing: Pairing) -> bool:
+def explains(fit: FittedModes | Partials, model: ModalModel, pairing: Pairing) -> bool:
     """Return whether fitted modes agree with a model better than with random ones."""
     if not len(pairing):
         return False
-    return pairing.support > 0 or beyond_chance(fitted, model) >= SIGNIFICANT
+    return pairing.support > 0 or beyond_chance(fit, model) >= SIGNIFICANT
 
 
 def pairs_by_chance(
-    fitted: FittedModes | Partials, model: ModalModel, *, widest: float, seed: int = 0
+    fit: FittedModes | Partials, model: ModalModel, *, widest: float, seed: int = 0
 ) -> float:
     """Return how many pairs random models of as many modes get on average."""
-    chance, partials = np.random.default_rng(seed), Partials.of(fitted)
+    chance, partials = np.random.default_rng(seed), Partials.of(fit)
     pair_counts = [
         len(paired(partials, _random_model(model, chance), widest=widest)) for _ in range(_TRIALS)
     ]
     return float(np.mean(pair_counts))
 
 
-def beyond_chance(fitted: FittedModes | Partials, model: ModalModel, *, seed: int = 0) -> float:
+def beyond_chance(fit: FittedModes | Partials, model: ModalModel, *, seed: int = 0) -> float:
     """Return how far a model's support lies above that of random ones, standard deviations."""
     chance = np.random.default_rng(seed)
-    partials = Partials.of(fitted)
+    partials = Partials.of(fit)
     model_support = first_support(partials, model)
     trials = [first_support(partials, _random_model(model, chance)) for _ in range(_TRIALS)]
     return float(

@@ -64,21 +64,21 @@ class Candidates:
         order = np.argsort(self.poles.imag)
         poles, energies = self.poles[order], self.energies[order]
         frequencies, widths = poles.imag / (2 * np.pi), -poles.real / (2 * np.pi)
-        reaches = np.maximum(resolution, width_factor * (widths + widths.max(initial=0.0)))
-        firsts = np.searchsorted(frequencies, frequencies - reaches)
-        lasts = np.searchsorted(frequencies, frequencies + reaches, "right")
+        max_distances = np.maximum(resolution, width_factor * (widths + widths.max(initial=0.0)))
+        firsts = np.searchsorted(frequencies, frequencies - max_distances)
+        stops = np.searchsorted(frequencies, frequencies + max_distances, "right")
         is_open = np.ones(len(poles), bool)
         modes = []
         for mode in np.argsort(-energies):
             if is_open[mode]:
                 modes.append(mode)
-                neighbours = slice(firsts[mode], lasts[mode])
+                neighbours = slice(firsts[mode], stops[mode])
                 reach = np.maximum(resolution, width_factor * (widths[neighbours] + widths[mode]))
                 is_open[neighbours] &= np.abs(frequencies[neighbours] - frequencies[mode]) >= reach
         return Candidates(poles=poles[modes], energies=energies[modes])
 
 
-def candidates(
+def find_candidates(
     segments: Sequence[Segment],
     left: Sequence[Array],
     resolution: Resolution,
@@ -100,13 +100,13 @@ def candidates(
         return Candidates.joined([])
     powers = np.max([spectra.real**2 + spectra.imag**2 for spectra in white], axis=0)
     parts = []
-    for count, bins in _counted(powers, search.spacing, search.sample_rate, per_band):
+    for count, bins in _group_by_duration(powers, search.spacing, search.sample_rate, per_band):
         for part in np.array_split(bins, -(-len(bins) // _BATCH)):
             parts += search.bins(white[:, :count, part].transpose(2, 0, 1), part)
     return Candidates.joined(parts).distinct(0.02 * search.spacing, width_factor=0.1)
 
 
-def _counted(
+def _group_by_duration(
     powers: Array, spacing: float, sample_rate: float, per_band: int | None
 ) -> Iterator[tuple[int, Index]]:
     """Yield numbers of frames and the bins that stay over the noise for about that long."""
@@ -166,7 +166,7 @@ class _Search:
         count = white.shape[2]
         length = min(count // 2, _WINDOW)
         whitening, back = _whitening(self.resolution.window, length)
-        main_directions = _strongest_directions(white.astype(complex))
+        main_directions = _reduce_channels(white.astype(complex))
         sliding = np.lib.stride_tricks.sliding_window_view(main_directions, length, axis=2)
         rows = sliding.reshape(len(bins), -1, length)
         pieces = main_directions.shape[1] * sliding.shape[2]
@@ -189,7 +189,7 @@ class _Search:
         decays, shifts = -np.log(modulus) * rate, np.angle(ratios) * rate / (2 * np.pi)
         times = np.arange(white.shape[2]) / rate
         waves = np.exp(times[:, None] * (-decays + 2j * np.pi * shifts)[:, None, :])
-        amplitudes = _least_squares(waves, white.swapaxes(1, 2))
+        amplitudes = _solve_least_squares(waves, white.swapaxes(1, 2))
         peak_magnitudes = np.abs(white).max(axis=(1, 2))[:, None]
         is_good = np.abs(shifts) < 0.55 * self.spacing
         is_good &= (decays < self.resolution.fastest) & (
@@ -215,7 +215,7 @@ def _whitening(size: int, length: int) -> tuple[Array, Array]:
     return whitening, np.asarray(np.linalg.inv(whitening), float)
 
 
-def _strongest_directions(white: AnyComplex) -> AnyComplex:
+def _reduce_channels(white: AnyComplex) -> AnyComplex:
     """Return white frames with channels reduced to the directions of most energy."""
     if white.shape[1] <= 2 * _DIRECTIONS:
         return white
@@ -226,10 +226,10 @@ def _strongest_directions(white: AnyComplex) -> AnyComplex:
 def _ratios(subspaces: AnyComplex) -> AnyComplex:
     """Return the eigenvalues of the shift by one frame within each subspace."""
     earlier_vectors, later_vectors = subspaces[:, :-1], subspaces[:, 1:]
-    return np.linalg.eigvals(_least_squares(earlier_vectors, later_vectors))
+    return np.linalg.eigvals(_solve_least_squares(earlier_vectors, later_vectors))
 
 
-def _least_squares(matrices: AnyComplex, sides: AnyComplex) -> AnyComplex:
+def _solve_least_squares(matrices: AnyComplex, sides: AnyComplex) -> AnyComplex:
     adjoint = matrices.conj().swapaxes(1, 2)
     normal_matrix = adjoint @ matrices
     size = np.trace(normal_matrix, axis1=1, axis2=2).real[:, None, None]
@@ -244,7 +244,7 @@ _ORDER = 24  # poles
 _MIN_POWER_RATIO = 1e-7  # of the largest eigenvalue of the covariance
 
 
-def broad(segments: Sequence[Segment], left: Sequence[Array]) -> Candidates:
+def find_broad(segments: Sequence[Segment], left: Sequence[Array]) -> Candidates:
     """Search the low end of the residuals (C, n) of all segments for broad modes, as drums have.
 
     In a window of a transform there is too little of them: here ESPRIT takes the beginning of the
@@ -269,7 +269,7 @@ def broad(segments: Sequence[Segment], left: Sequence[Array]) -> Candidates:
     ratios = _ratios(vectors[None, :, -order:].astype(complex))[0]
     poles = np.log(ratios) * rate / factor
     waves = np.exp(np.outer(np.arange(low.shape[1]) * factor / rate, poles))
-    amplitudes = _least_squares(waves[None], low.T[None].astype(complex))[0]
+    amplitudes = _solve_least_squares(waves[None], low.T[None].astype(complex))[0]
     filter_gains = taps @ np.exp(np.outer(np.arange(len(taps)) / rate, poles)) / taps.sum()
     energies = (np.abs(amplitudes) ** 2).sum(axis=1) / np.abs(filter_gains) ** 2
     energies *= rate / np.maximum(-poles.real, 1e-3)
@@ -284,7 +284,9 @@ _BREADTH = 30.0  # Hz over which the residual is averaged
 _MIN_FREQUENCY, _MAX_RATE_FRACTION = 30.0, 0.47  # frequencies, Hz and of the sample rate
 
 
-def matched(segments: Sequence[Segment], left: Sequence[Array], min_energy: float) -> Candidates:
+def match_filters(
+    segments: Sequence[Segment], left: Sequence[Array], min_energy: float
+) -> Candidates:
     """Search the residuals (C, n) of all segments for modes with at least this energy over noise.
 
     Energies are summed over channels; if the residual exceeds the noise over a breadth of bins,

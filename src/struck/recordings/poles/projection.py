@@ -106,8 +106,8 @@ def without(vectors: AnyComplex, basis: AnyComplex) -> AnyComplex:
 
 def inverse_spreads(triangle: AnyComplex) -> Array:
     """Return the diagonal of the inverse Gram matrix, from the factor of QR."""
-    inverse = solve_triangular(triangle, np.eye(len(triangle)), check_finite=False)
-    return (np.abs(inverse) ** 2).sum(axis=1)
+    inverse_triangle = solve_triangular(triangle, np.eye(len(triangle)), check_finite=False)
+    return (np.abs(inverse_triangle) ** 2).sum(axis=1)
 
 
 def solve_damped(matrix: AnyComplex, damping: float, sides: AnyComplex) -> AnyComplex:
@@ -118,8 +118,8 @@ def solve_damped(matrix: AnyComplex, damping: float, sides: AnyComplex) -> AnyCo
         column = damped_matrix[j:, j] - factor[j:, :j] @ factor[j, :j].conj()
         factor[j, j] = np.sqrt(max(column[0].real, _MIN_DIVISOR))
         factor[j + 1 :, j] = column[1:] / factor[j, j].real
-    halfway = solve_triangular(factor, sides, lower=True, check_finite=False)
-    return solve_triangular(factor, halfway, lower=True, trans=2, check_finite=False)
+    solution = solve_triangular(factor, sides, lower=True, check_finite=False)
+    return solve_triangular(factor, solution, lower=True, trans=2, check_finite=False)
 
 
 class Projection(NamedTuple):

@@ -147,7 +147,7 @@ def overlaps(poles: AnyComplex, duration: float) -> Array:
     return overlap(poles[:, None], poles, duration)
 
 
-def overlapping(
+def find_groups(
     poles: AnyComplex, duration: float, threshold: float = _MIN_CORRELATION
 ) -> list[Index]:
     """Return groups of modes with squared correlations beyond `threshold`, by frequency.
@@ -156,17 +156,17 @@ def overlapping(
     """
     if not poles.size:
         return []
-    labels = labelled(overlaps(poles, duration), threshold, _MAX_GROUP_SIZE)
+    labels = label_groups(overlaps(poles, duration), threshold, _MAX_GROUP_SIZE)
     order = np.argsort(labels, kind="stable")
     sizes = np.bincount(labels)
     ends = np.cumsum(sizes).tolist()
     groups = [order[first:last] for first, last in pairwise([0, *ends])]
     centres = np.bincount(labels, poles.imag) / sizes
     ascending = [groups[label] for label in np.argsort(centres, kind="stable")]
-    return list(_merged(ascending, np.asarray(-poles.real, float)))
+    return list(_merge_small(ascending, np.asarray(-poles.real, float)))
 
 
-def labelled(coupling: Array, threshold: float, max_count: int) -> Index:
+def label_groups(coupling: Array, threshold: float, max_count: int) -> Index:
     """Return the group number of each mode: modes coupled (M, M) beyond a threshold share one.
 
     If a group would have more than `max_count` modes, their threshold is doubled.
@@ -175,14 +175,14 @@ def labelled(coupling: Array, threshold: float, max_count: int) -> Index:
     strengths, thresholds = coupling[left, right], np.full(len(coupling), threshold)
     while True:
         is_linked = strengths > thresholds[left]
-        labels = _connected(left[is_linked], right[is_linked], len(coupling))
+        labels = _label_connected(left[is_linked], right[is_linked], len(coupling))
         is_in_large_group = np.bincount(labels)[labels] > max_count
         if not is_in_large_group.any():
             return np.cumsum(labels == np.arange(len(labels)))[labels] - 1
         thresholds[is_in_large_group] *= 2
 
 
-def _connected(left: Index, right: Index, count: int) -> Index:
+def _label_connected(left: Index, right: Index, count: int) -> Index:
     """Return the lowest of all modes (count,) that each is linked with, left to right, in chains.
 
     With scipy's connected_components in its place a whole fit took 1.12 times as long.
@@ -196,7 +196,7 @@ def _connected(left: Index, right: Index, count: int) -> Index:
             return labels
 
 
-def _merged(groups: list[Index], decays: Array) -> Iterator[Index]:
+def _merge_small(groups: list[Index], decays: Array) -> Iterator[Index]:
     """Yield groups, small neighbours of like decays joined: fewer and larger matrix products."""
     sizes = [len(group) for group in groups]
     starts = np.cumsum([0, *sizes[:-1]])
@@ -231,7 +231,7 @@ def refine(
     is_unsettled = np.ones(ringing.count, bool)
     for _ in range(sweeps):
         groups = [
-            group for group in overlapping(ringing.poles, duration) if is_unsettled[group].any()
+            group for group in find_groups(ringing.poles, duration) if is_unsettled[group].any()
         ]
         if not groups:
             break

@@ -16,10 +16,16 @@ from struck.model.arrays import AnyComplex, Array, Index, Mask, brief, checked
 from struck.model.exponentials import Exponentials, samples
 from struck.model.provenance import Progress, silent
 from struck.recordings.corbett2007 import by_corbett2007
-from struck.recordings.disturbances import of_hum, without_hum
+from struck.recordings.disturbances import find_hum, without_hum
 from struck.recordings.gain_control import MAX_DECAY_ERROR, GainControl, gain_control
 from struck.recordings.onsets import Hit, find_hits, findings, hit_at
-from struck.recordings.poles.candidates import Candidates, Resolution, broad, candidates, matched
+from struck.recordings.poles.candidates import (
+    Candidates,
+    Resolution,
+    find_broad,
+    find_candidates,
+    match_filters,
+)
 from struck.recordings.poles.refinement import overlap, refine, with_best_gains
 from struck.recordings.poles.selection import (
     MIN_FREQUENCY,
@@ -32,7 +38,7 @@ from struck.recordings.poles.selection import (
     find_spurious,
     find_unexplained_bands,
     prune,
-    split,
+    split_pairs,
     strongest_per_band,
 )
 from struck.recordings.poles.uncertainty import between_takes, significance, standard_errors
@@ -53,7 +59,7 @@ from struck.recordings.poles.verdict import (
     residual_energy,
     signal_to_misfit,
 )
-from struck.recordings.segments import SHORTEST, Row, Segment, cut_takes, join_stretches
+from struck.recordings.segments import MIN_DURATION, Row, Segment, cut_takes, join_stretches
 from struck.recordings.takes import Take, left_out, require_one_rate, without_force
 
 _MIN_ENERGY = 40.0  # least energy of a measured mode over that of the noise in a bin
@@ -137,8 +143,8 @@ class PoleFit:
         """Return `length` fitted samples of a row (n,) from a time, s, on; before its onset too."""
         segment, _ = self._segment(row)
         poles, gains = self.exponentials.poles, self.exponentials.gains[self.order[row]]
-        shifted = gains * np.exp(poles * (time - self.rows[row].time))
-        return samples(poles, shifted[None], length, segment.sample_rate)[0]
+        shifted_gains = gains * np.exp(poles * (time - self.rows[row].time))
+        return samples(poles, shifted_gains[None], length, segment.sample_rate)[0]
 
     def noise_in(self, row: int, edges: Array) -> Array:
         """Return the power of the noise of one row in bands (B,) between edges (B + 1,), Hz."""
@@ -166,7 +172,7 @@ def make_pole_fit(
 
     If modes are to be `measured`, weak ones are left out, too.
     """
-    is_ambient = find_ambient(segments, exponentials) | of_hum(hum, exponentials)
+    is_ambient = find_ambient(segments, exponentials) | find_hum(hum, exponentials)
     errors = standard_errors(segments, exponentials)
     is_weak = (
         _find_weak(segments, exponentials) & ~is_ambient if measured else np.zeros_like(is_ambient)
@@ -196,7 +202,7 @@ def make_pole_fit(
     take_deviations = between_takes(segments, np.array([row.take for row in rows]), exponentials)
     notes = [
         *notes,
-        *_differing(
+        *_note_differing(
             take_deviations[0][
                 is_object_mode & ~is_of_blow & (take_deviations[0] > errors.frequencies)
             ]
@@ -227,7 +233,7 @@ def make_pole_fit(
     )
 
 
-def _differing(deviations: Array) -> Iterator[str]:
+def _note_differing(deviations: Array) -> Iterator[str]:
     """Yield a note that frequencies of modes differ from take to take, by deviations (K,), Hz."""
     if deviations.size:
         yield (
@@ -275,13 +281,13 @@ def notes_on(takes: Sequence[Take], hits: Sequence[Sequence[Hit]]) -> Iterator[s
         for note in findings(take, take_hits):
             kind = _NUMBER.sub("#", note.replace(take.name, ""))
             notes_by_kind.setdefault(kind, []).append(note.replace(take.name, Path(take.name).name))
-    yield from _normalised(takes, hits)
+    yield from _note_normalised(takes, hits)
     for notes in notes_by_kind.values():
         count = len(notes) - 1
         yield f"{notes[0]}; so {counted(count, 'more take')}" if count else notes[0]
 
 
-def _normalised(takes: Sequence[Take], hits: Sequence[Sequence[Hit]]) -> Iterator[str]:
+def _note_normalised(takes: Sequence[Take], hits: Sequence[Sequence[Hit]]) -> Iterator[str]:
     """Yield that hits have one and the same peak, as no person strikes."""
     parts = [
         part
@@ -297,7 +303,7 @@ def _normalised(takes: Sequence[Take], hits: Sequence[Sequence[Hit]]) -> Iterato
         )
 
 
-def _unlike(takes: Sequence[Take], verdict: ModalVerdict) -> Iterator[str]:
+def _note_unexplained(takes: Sequence[Take], verdict: ModalVerdict) -> Iterator[str]:
     """Yield notes on takes that the modes do not explain, although they explain all together."""
     for take, ratio in zip(takes, verdict.takes, strict=True):
         if verdict.modal and ratio < MODAL_MARGIN:
@@ -483,12 +489,17 @@ def _make_passes(segments: Sequence[Segment], budget: int | None) -> Iterator[Se
         size = 2 ** round(np.log2(min(window * segments[0].sample_rate, longest / 4)))
         resolution = Resolution(window=size, fastest=fastest, frames=frames, orders=orders)
         yield partial(
-            candidates, noisy_segments, resolution=resolution, per_band=_BINS if budget else None
+            find_candidates,
+            noisy_segments,
+            resolution=resolution,
+            per_band=_BINS if budget else None,
         )
-    yield partial(broad, noisy_segments)
+    yield partial(find_broad, noisy_segments)
     channels = sum(len(segment.samples) for segment in segments)
     for _ in range(1 if budget else _ROUNDS):
-        yield partial(matched, noisy_segments, min_energy=significance(channels, _CANDIDATE_CHANCE))
+        yield partial(
+            match_filters, noisy_segments, min_energy=significance(channels, _CANDIDATE_CHANCE)
+        )
 
 
 def _refit_all(
@@ -508,7 +519,7 @@ def _split_pairs(
 ) -> Exponentials:
     """Split modes into close pairs, twice; under a budget once, and into slowly beating pairs."""
     for _ in range(1 if budget else 2):
-        extended_modes = split(
+        extended_modes = split_pairs(
             segments, ringing, max_decay=_MAX_BEATING_DECAY if budget else np.inf
         )
         if extended_modes.count == ringing.count:
@@ -614,7 +625,7 @@ def fit_poles(
         )
         is_steady = onsets is None and all(map(is_constant, microphones))
         verdict = judge(segments, rows, ringing, outside_energies, is_steady=is_steady)
-        notes = [*notes_on(takes, hits), *_unlike(takes, verdict)]
+        notes = [*notes_on(takes, hits), *_note_unexplained(takes, verdict)]
         is_measurement = method == "shared" and budget is None
         return make_pole_fit(
             segments, rows, ringing, verdict, notes, hum=hum, measured=is_measurement
@@ -767,7 +778,7 @@ def _find_clear_hits(take: Take) -> list[Hit]:
     """
     hits = find_hits(take)
     late_hits = [hit for hit in find_doubtful(take, hits)[-1:] if hit is hits[-1]]
-    if late_hits and hits[-1].end - hits[-1].start < SHORTEST * take.sample_rate:
+    if late_hits and hits[-1].end - hits[-1].start < MIN_DURATION * take.sample_rate:
         return hits[:-1]
     return hits
 

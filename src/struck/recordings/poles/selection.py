@@ -14,8 +14,8 @@ from struck.recordings.poles.normal_equations import MIN_DECAY, add_unique, with
 from struck.recordings.poles.refinement import (
     Attempt,
     blocks_around,
+    find_groups,
     overlap,
-    overlapping,
     overlaps,
     refine,
     refine_attempt,
@@ -84,7 +84,7 @@ def energies(segments: Sequence[Segment], ringing: Exponentials) -> tuple[Array,
     energy, fractions = np.zeros(ringing.count), np.zeros(ringing.count)
     if not ringing.count:
         return energy, fractions
-    groups = overlapping(ringing.poles, duration)
+    groups = find_groups(ringing.poles, duration)
     blocks = blocks_around(segments, ringing.poles, groups, data=False)
     poles, gains = map(np.ascontiguousarray, (ringing.poles, ringing.gains))
     add_unique(blocks, poles, gains, energy, fractions)
@@ -121,11 +121,11 @@ def prune(
             | (fractions < _COLLINEAR)
             | _find_impossible(ringing, segments, touching)
         )
-        excess = ringing.count - budget if budget is not None else 0
-        if excess > 0:
+        surplus = ringing.count - budget if budget is not None else 0
+        if surplus > 0:
             rank = _budget_weights(segments, ringing, fractions)
             is_redundant[
-                np.argsort(rank)[: max(1, min(excess, ringing.count // _DROP_DIVISOR))]
+                np.argsort(rank)[: max(1, min(surplus, ringing.count // _DROP_DIVISOR))]
             ] = True
         if not is_redundant.any():
             break
@@ -147,8 +147,10 @@ def _budget_weights(segments: Sequence[Segment], ringing: Exponentials, fraction
     longest = max(segment.duration for segment in segments)
     durations = 1 / np.maximum(ringing.decays, 1 / longest)
     energies = np.square(np.abs(ringing.gains)) * durations * fractions
-    totals = energies.sum(axis=1)
-    weights = (energies / (totals + _SOFT_RATIO * totals.max())[:, None]).sum(axis=0)
+    total_energies = energies.sum(axis=1)
+    weights = (energies / (total_energies + _SOFT_RATIO * total_energies.max())[:, None]).sum(
+        axis=0
+    )
     numbers = erb_number(ringing.frequencies)
     band = (np.abs(numbers[:, None] - numbers) < 0.5) @ weights
     return np.asarray(weights / np.maximum(band, 1e-300) ** _BAND_EXPONENT)
@@ -185,7 +187,7 @@ _SPLIT_CORRELATION = 0.05
 _DROP_CORRELATION = 0.02  # the same with a dropped mode
 
 
-def split(
+def split_pairs(
     segments: Sequence[Segment], ringing: Exponentials, max_decay: float = np.inf
 ) -> Exponentials:
     """Split the modes that are pairs, where noise cannot be the reason; fast ones (1/s) stay."""

@@ -29,7 +29,7 @@ from struck.recordings.poles.projection import (
     subtract_others,
     without,
 )
-from struck.recordings.poles.refinement import blocks_around, overlapping
+from struck.recordings.poles.refinement import blocks_around, find_groups
 from struck.recordings.segments import Segment
 
 CHANCE = 2e-9  # that noise alone explains a mode: 16 dB of energy in one channel
@@ -70,7 +70,7 @@ def pole_statistics(segments: Sequence[Segment], ringing: Exponentials) -> PoleS
     )
     if count:
         duration = max(segment.duration for segment in segments)
-        blocks = blocks_around(segments, ringing.poles, overlapping(ringing.poles, duration))
+        blocks = blocks_around(segments, ringing.poles, find_groups(ringing.poles, duration))
         statistics.order[:] = blocks.members
         write_statistics(blocks, np.ascontiguousarray(ringing.poles), gains, statistics)
     return statistics
@@ -120,15 +120,19 @@ def between_takes(
         ends = (
             double_decays * segment.duration
         )  # integrals of t^k exp(-2 d t) over it, k from 0 to 2
-        one, first, second = (
+        one, first, second_moment = (
             gammainc(k, ends) * max(k - 1, 1) / double_decays**k for k in (1, 2, 3)
         )
         times = np.arange(left.shape[1]) / rate
-        plain, timed = np.split(correlations(ringing.poles, np.r_[left, left * times], rate), 2)
+        sums, weighted_sums = np.split(
+            correlations(ringing.poles, np.r_[left, left * times], rate), 2
+        )
         gains, noise = ringing.gains[segment.rows], segment.noise.at(frequencies)
-        np.add.at(steps, take_numbers, 1j * gains.conj() * (timed - first / one * plain) / noise)
-        spread = rate * (second - first**2 / one)
-        np.add.at(weights, take_numbers, np.abs(gains) ** 2 * spread / (2 * noise))
+        np.add.at(
+            steps, take_numbers, 1j * gains.conj() * (weighted_sums - first / one * sums) / noise
+        )
+        variance = rate * (second_moment - first**2 / one)
+        np.add.at(weights, take_numbers, np.abs(gains) ** 2 * variance / (2 * noise))
     steps /= np.maximum(weights, _MIN_DIVISOR)
     weights = weights[np.unique(takes)]
     steps, total_weights = steps[np.unique(takes)], np.maximum(weights.sum(axis=0), _MIN_DIVISOR)
@@ -137,11 +141,11 @@ def between_takes(
     for parts in (np.imag(steps), np.real(steps)):
         differences = parts - (weights * parts).sum(axis=0) / total_weights
         scatter = (weights * differences**2).sum(axis=0)
-        excess = (scatter - freedom) / np.maximum(
+        excess_variance = (scatter - freedom) / np.maximum(
             total_weights - (weights**2).sum(axis=0) / total_weights, _MIN_DIVISOR
         )
         deviations.append(
-            np.sqrt(np.where(scatter > chi2.isf(_DIFFERENCE_CHANCE, freedom), excess, 0.0))
+            np.sqrt(np.where(scatter > chi2.isf(_DIFFERENCE_CHANCE, freedom), excess_variance, 0.0))
         )
     return deviations[0] / (2 * np.pi), deviations[1]
 
@@ -233,8 +237,10 @@ def _compute_inverse_diagonal(matrix: AnyComplex) -> Array:
     """Return the diagonal of the inverse of a Hermitian matrix, scaled to a diagonal of ones."""
     scale = 1 / np.sqrt(np.maximum(matrix.diagonal().real, _MIN_DIVISOR))
     scaled_matrix = matrix * np.outer(scale, scale)
-    inverse = solve_damped(scaled_matrix, _REGULARISATION, np.eye(len(matrix), dtype=complex))
-    return inverse.diagonal().real * scale**2
+    inverse_matrix = solve_damped(
+        scaled_matrix, _REGULARISATION, np.eye(len(matrix), dtype=complex)
+    )
+    return inverse_matrix.diagonal().real * scale**2
 
 
 def _add_curvatures(

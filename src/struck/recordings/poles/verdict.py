@@ -129,7 +129,7 @@ def _reason(segments: Sequence[Segment], ringing: Exponentials, misfit: float) -
             f"and {MODAL_MARGIN:g} dB are needed: it is noise-like, as of a cymbal, or moves in "
             "pitch, as speech does, or needs more modes"
         )
-    if _swelling(segments) > _MAX_SWELLING:
+    if _level_rise(segments) > _MAX_SWELLING:
         return "it grows louder after its beginning: nothing was struck there"
     return ""
 
@@ -146,7 +146,7 @@ def _steady_fraction(segments: Sequence[Segment], ringing: Exponentials) -> floa
     )
 
 
-def _swelling(segments: Sequence[Segment]) -> float:
+def _level_rise(segments: Sequence[Segment]) -> float:
     """Return how far the level of the loudest segment rises after its beginning, dB."""
     segment = max(segments, key=lambda segment: float((segment.samples**2).sum()))
     size = max(1, round(_LEVEL_BLOCK * segment.sample_rate))
@@ -158,8 +158,8 @@ def _swelling(segments: Sequence[Segment]) -> float:
     return _decibels(float(blocks[late_block:].max()), float(blocks[:late_block].max()))
 
 
-def _decibels(above: float, below: float) -> float:
-    return float(10 * np.log10(above / below)) if below > 0 else np.inf
+def _decibels(numerator: float, denominator: float) -> float:
+    return float(10 * np.log10(numerator / denominator)) if denominator > 0 else np.inf
 
 
 # The blow itself is not a sum of decaying tones, yet a budget of modes models the whole sound.
@@ -170,7 +170,7 @@ def _decibels(above: float, below: float) -> float:
 _LONGEST_PUSH, _SHORTEST_PUSH = 0.02, 5e-4  # s, of blows: a soft mallet, and a hard tool
 _SMOOTHING_TIME = 5e-4  # s
 _MAX_GAIN_CHANGE = 0.5  # of what a gain has decayed to
-_LATER_PUSHES = 5  # end of the later sound, in push durations
+_LATER_FACTOR = 5  # end of the later sound, in push durations
 _MIN_RINGING_RATIO = 2.0  # its energy over that of the noise, from twice the push on
 _CLEAR_RATIO = 16.0  # times the significant energy, from which a changed gain contradicts a mode
 _STRAY_FRACTION = 0.1  # of the modes may be contradicted for other reasons than the blow
@@ -190,30 +190,30 @@ def find_blow_modes(
     of the blow if only noise follows. If segments begin after the contact (`is_released`), no modes
     cancel during the push; modes that fall by 40 dB in twice the push are of the blow.
     """
-    pushes = []
+    push_times = []
     later_energy = noise_energy = 0.0
     for segment in segments:
         rate = segment.sample_rate
         energy = (segment.samples[:, : round(_LONGEST_PUSH / 2 * rate)] ** 2).sum(axis=0)
         peak = int(uniform_filter1d(energy, max(1, round(_SMOOTHING_TIME * rate))).argmax())
         push_end = max(2 * peak, round(_SHORTEST_PUSH * rate))
-        pushes.append(push_end / rate)
-        samples = segment.samples[:, 2 * push_end : _LATER_PUSHES * push_end]
+        push_times.append(push_end / rate)
+        samples = segment.samples[:, 2 * push_end : _LATER_FACTOR * push_end]
         later_energy += float((samples**2).sum())
         noise_energy += float(segment.noise.energy(samples.shape[1]).sum())
     if later_energy < _MIN_RINGING_RATIO * noise_energy:
         return np.ones(ringing.count, bool)
     if is_released:
-        return ringing.decays * 2 * max(pushes) > np.log(100)
-    return _find_cancelled(segments, ringing, pushes) | _find_contradicted(segments, ringing)
+        return ringing.decays * 2 * max(push_times) > np.log(100)
+    return _find_cancelled(segments, ringing, push_times) | _find_contradicted(segments, ringing)
 
 
 def _find_cancelled(
-    segments: Sequence[Segment], ringing: Exponentials, pushes: Sequence[float]
+    segments: Sequence[Segment], ringing: Exponentials, push_times: Sequence[float]
 ) -> Mask:
     """Return which modes (M,) change their gains where they are fitted again after the push, s."""
     change, gain_energies = np.zeros(ringing.count), np.full(ringing.count, 1e-300)
-    for segment, push in zip(segments, pushes, strict=True):
+    for segment, push in zip(segments, push_times, strict=True):
         push_end = round(push * segment.sample_rate)
         expected_gains = ringing.gains[segment.rows] * np.exp(ringing.poles * push)
         refitted = best_gains(ringing.poles, segment.samples[:, push_end:], segment.sample_rate)
@@ -245,9 +245,11 @@ def _find_contradicted(segments: Sequence[Segment], ringing: Exponentials) -> Ma
         expected_squares, lone_squares, change, missing, energies[number] = _compare_gains(
             segments, slow_modes, fast_modes, floor, time
         )
-        limit = _MAX_GAIN_CHANGE**2 * expected_squares
-        is_gone = (lone_squares < limit) & (missing > min_energy)
-        is_wrong = (change > limit) & (is_gone | (energies[number] > _CLEAR_RATIO * min_energy))
+        max_change = _MAX_GAIN_CHANGE**2 * expected_squares
+        is_gone = (lone_squares < max_change) & (missing > min_energy)
+        is_wrong = (change > max_change) & (
+            is_gone | (energies[number] > _CLEAR_RATIO * min_energy)
+        )
         first[is_wrong] = np.minimum(first[is_wrong], time)
     is_contradicted = np.isfinite(first)
     blow_end = 2 * float(
@@ -362,21 +364,19 @@ def find_doubtful(take: Take, hits: Sequence[Hit]) -> list[Hit]:
     ]
 
 
-def is_proven(
-    residuals_with: Sequence[Array], residuals_without: Sequence[Array], modes: int
-) -> bool:
+def is_proven(hit_residuals: Sequence[Array], other_residuals: Sequence[Array], modes: int) -> bool:
     """Return whether residuals (C, n) with a hit are less than without by more than its gains cost.
 
     By the Bayesian information criterion, of two real gains for each mode and channel, and as many
     values as a residual of its bandwidth has that are independent.
     """
-    energy_without, energy_with = (
+    other_energy, hit_energy = (
         sum(float((residual**2).sum()) for residual in left)
-        for left in (residuals_without, residuals_with)
+        for left in (other_residuals, hit_residuals)
     )
-    values = sum(map(_count_independent, residuals_without))
-    cost = 2 * modes * len(residuals_with) * np.log(max(values, 2.0))
-    return values * np.log(max(energy_without, 1e-300) / max(energy_with, 1e-300)) > cost
+    values = sum(map(_count_independent, other_residuals))
+    cost = 2 * modes * len(hit_residuals) * np.log(max(values, 2.0))
+    return values * np.log(max(other_energy, 1e-300) / max(hit_energy, 1e-300)) > cost
 
 
 def _count_independent(left: Array) -> float:
