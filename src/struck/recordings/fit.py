@@ -53,7 +53,7 @@ class Fitting:
     model : ModalModel
     fitted : PoleFit
         Shared poles, gains of each channel of each hit, standard errors, verdict and notes.
-    recorded : Recorded
+    recorded : RecordingSet
         The takes and their places.
     survey : Survey or None
         Gains over contact and listener; None for a model of a single point.
