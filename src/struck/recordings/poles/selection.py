@@ -351,7 +351,7 @@ def add_significant(
 
 
 def find_spurious(segments: Sequence[Segment], ringing: Exponentials) -> Mask:
-    """Return which modes (M,) are spurious: below a residual that exceeds the noise.
+    """Return which modes (M,) are spurious: not clear of a residual over the noise.
 
     If most are faint, they have themselves made that residual small. Then modes that decay slower
     than these are not spurious, and of the others only those that the skirts of louder modes mask.
@@ -389,7 +389,8 @@ def find_masked(ringing: Exponentials, is_free: Mask, min_ratio: float) -> Mask:
     """Return which modes (M,) the skirts of louder modes mask, free ones excluded.
 
     A room's response to a mode falls with the distance in frequency as the mode's line does: a mode
-    is unmasked if its energy exceeds `min_ratio` times that of all skirts at its frequency.
+    is unmasked if its energy exceeds `min_ratio` times that of the skirts of free and louder
+    unmasked modes at its frequency.
     """
     energy, skirts = _skirts(ringing)
     level, is_unmasked = skirts[:, is_free].sum(axis=1), is_free.copy()
