@@ -77,7 +77,7 @@ class MissingDependencyError(StruckError, ImportError):
 
 
 class CacheWarning(UserWarning):
-    """The cache could not keep a result, or a kept one was damaged; the result is computed anew."""
+    """The cache could not keep a result, or a kept one is damaged; the result is computed again."""
 
 
 class CoreWarning(UserWarning):
@@ -100,7 +100,7 @@ COUNTED = "modes are counted from 1"
 """How the shell, tables, pictures and files count modes; arrays in Python count from 0."""
 
 # Names in use elsewhere, and the names here; of several, the first that is known is offered.
-_CALLED = {
+_SYNONYMS = {
     **dict.fromkeys(("velocity", "v"), ("speed",)),
     **dict.fromkeys(("hammer", "mallet", "stick", "beater"), ("striker",)),
     **dict.fromkeys(("position", "place", "point", "where", "at"), ("at", "strike", "listener")),
@@ -152,14 +152,14 @@ def nearest(name: str, known: Iterable[str], form: str = "{}", *, spelling: bool
     """
     names = list(known)
     plain = name.strip().lower()
-    like = difflib.get_close_matches(plain, [*names, *_CALLED], n=1, cutoff=0.85)
-    other = like[0] if like and like[0] not in names else plain
-    found = [each for each in _CALLED.get(other, ()) if each in names][:1]
+    similar_names = difflib.get_close_matches(plain, [*names, *_SYNONYMS], n=1, cutoff=0.85)
+    term = similar_names[0] if similar_names and similar_names[0] not in names else plain
+    matches = [item for item in _SYNONYMS.get(term, ()) if item in names][:1]
     if plain.isdigit():  # a number that is near another one is not meant for it
         return ""
     cutoff = 0.5 if spelling else 0.85  # then only of a slip of the fingers
-    found = found or difflib.get_close_matches(plain, names, n=3, cutoff=cutoff)
-    return f"did you mean {' or '.join(map(form.format, found))}? " if found else ""
+    matches = matches or difflib.get_close_matches(plain, names, n=3, cutoff=cutoff)
+    return f"did you mean {' or '.join(map(form.format, matches))}? " if matches else ""
 
 
 def require_choice(
@@ -170,18 +170,18 @@ def require_choice(
     *,
     more: str = "",
 ) -> None:
-    """Refuse all but one of the known names; the message offers the nearest, and `more` ways."""
+    """Require one of the known names; the message offers the nearest, and then `more`."""
     names = tuple(known)
     if value not in names:
-        offer = f"{nearest(str(value), names)}give one of {', '.join(names)}"
-        raise error(f"{name} is {value!r}: {offer}{more}")
+        suggestion = f"{nearest(str(value), names)}give one of {', '.join(names)}"
+        raise error(f"{name} is {value!r}: {suggestion}{more}")
 
 
 def counted(count: SupportsIndex, noun: str) -> str:
     """Return a count with its noun: "1 face", "2 faces", "3 vertices"."""
     plural = {"vertex": "vertices", "body": "bodies", "entry": "entries", "patch": "patches"}
-    before, space, last = noun.rpartition(" ")
-    return f"{count} {before}{space}{last if count == 1 else plural.get(last, f'{last}s')}"
+    adjective, space, last = noun.rpartition(" ")
+    return f"{count} {adjective}{space}{last if count == 1 else plural.get(last, f'{last}s')}"
 
 
 def rounded(value: SupportsFloat, digits: int = 6, *, sign: bool = False) -> str:

@@ -229,36 +229,36 @@ def test_the_same_is_computed_once(cache: Cache) -> None:
     work, told = Counted(some_modes), []
     for _ in range(3):
         stages = Stages(cache=cache, progress=lambda *step: told.append(step))
-        modes = stages.kept(MODES, work, band=1.0)
+        modes = stages.get_or_compute(MODES, work, band=1.0)
         assert bits(modes) == bits(some_modes())
     assert work.count == 1
     assert told == [("modes taken from the cache", 1.0)] * 2
-    Stages(cache=Cache(cache.folder)).kept(MODES, work, band=1.0)
+    Stages(cache=Cache(cache.folder)).get_or_compute(MODES, work, band=1.0)
     assert work.count == 1
-    Stages(cache=cache).kept(MODES, work, band=2.0)
+    Stages(cache=cache).get_or_compute(MODES, work, band=2.0)
     assert work.count == 2
 
 
 def test_two_stages_of_the_same_inputs_are_two(cache: Cache) -> None:
-    Stages(cache=cache).kept(MODES, some_modes, band=1.0)
+    Stages(cache=cache).get_or_compute(MODES, some_modes, band=1.0)
     expected = BLOCK.volume_mesh("preview")
-    mesh = Stages(cache=cache).kept(ELEMENTS, lambda: expected, band=1.0)
+    mesh = Stages(cache=cache).get_or_compute(ELEMENTS, lambda: expected, band=1.0)
     assert bits(mesh) == bits(expected)
     assert len(cache.entries()) == 2
 
 
 def test_without_a_cache_everything_is_computed() -> None:
     work = Counted(some_modes)
-    assert Stages(cache=None).kept(MODES, work, band=1.0) is not Stages(cache=None).kept(
-        MODES, work, band=1.0
-    )
+    assert Stages(cache=None).get_or_compute(MODES, work, band=1.0) is not Stages(
+        cache=None
+    ).get_or_compute(MODES, work, band=1.0)
     assert work.count == 2
 
 
 def test_unknown_inputs_are_computed_and_not_kept(cache: Cache) -> None:
     work = Counted(some_modes)
     for _ in range(2):
-        Stages(cache=cache).kept(MODES, work, fixed=lambda points: points)
+        Stages(cache=cache).get_or_compute(MODES, work, fixed=lambda points: points)
     assert work.count == 2
     assert not cache.entries()
 
@@ -269,7 +269,7 @@ def test_what_failed_is_not_kept(cache: Cache, error: BaseException) -> None:
         raise error
 
     with pytest.raises(type(error)):
-        Stages(cache=cache).kept(MODES, fails, band=1.0)
+        Stages(cache=cache).get_or_compute(MODES, fails, band=1.0)
     assert not cache.entries()
 
 
@@ -282,10 +282,12 @@ def test_an_interruption_while_keeping_leaves_all_or_nothing(
 
     monkeypatch.setattr(f"struck.files.atomic.{step}", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        Stages(cache=cache).kept(MODES, some_modes, band=1.0)
+        Stages(cache=cache).get_or_compute(MODES, some_modes, band=1.0)
     monkeypatch.undo()
     assert len(list(cache.folder.iterdir())) == len(cache.entries()) == (step == "_sync_folder")
-    assert bits(Stages(cache=cache).kept(MODES, some_modes, band=1.0)) == bits(some_modes())
+    assert bits(Stages(cache=cache).get_or_compute(MODES, some_modes, band=1.0)) == bits(
+        some_modes()
+    )
 
 
 @pytest.mark.prove
@@ -295,22 +297,22 @@ def test_a_file_changed_while_it_is_read_is_not_kept(cache: Cache, egg: Path) ->
         EGG.copy().apply_scale(2).export(egg)
         return mesh
 
-    Stages(cache=cache).kept(SURFACE, load, file=egg)
+    Stages(cache=cache).get_or_compute(SURFACE, load, file=egg)
     assert not cache.entries()
-    assert Stages(cache=cache).kept(
+    assert Stages(cache=cache).get_or_compute(
         SURFACE, lambda: load_mesh(egg), file=egg
     ).extent == pytest.approx(0.28)
 
 
 def test_a_damaged_entry_is_computed_again(cache: Cache) -> None:
     work = Counted(some_modes)
-    Stages(cache=cache).kept(MODES, work, band=1.0)
+    Stages(cache=cache).get_or_compute(MODES, work, band=1.0)
     (entry,) = cache.entries()
     entry.path.write_bytes(entry.path.read_bytes()[:-1])
     with pytest.warns(CacheWarning, match="computed again"):
-        assert bits(Stages(cache=cache).kept(MODES, work, band=1.0)) == bits(some_modes())
+        assert bits(Stages(cache=cache).get_or_compute(MODES, work, band=1.0)) == bits(some_modes())
     assert (work.count, cache.damaged) == (2, 1)
-    Stages(cache=cache).kept(MODES, work, band=1.0)
+    Stages(cache=cache).get_or_compute(MODES, work, band=1.0)
     assert work.count == 2
 
 
@@ -319,17 +321,17 @@ def test_a_sound_entry_that_holds_something_else_is_computed_again(
     cache: Cache, content: bytes
 ) -> None:
     work = Counted(some_modes)
-    Stages(cache=cache).kept(MODES, work, band=1.0)
+    Stages(cache=cache).get_or_compute(MODES, work, band=1.0)
     cache.put(cache.entries()[0].path.name, content)
     with pytest.warns(CacheWarning, match="computed again"):
-        Stages(cache=cache).kept(MODES, work, band=1.0)
+        Stages(cache=cache).get_or_compute(MODES, work, band=1.0)
     assert work.count == 2
 
 
 def test_what_cannot_be_packed_is_returned_and_said_once(cache: Cache) -> None:
     def keep() -> None:
         for _ in range(2):
-            assert type(Stages(cache=cache).kept(MODES, object, band=1.0)) is object
+            assert type(Stages(cache=cache).get_or_compute(MODES, object, band=1.0)) is object
 
     with pytest.warns(CacheWarning, match=r"modes: finished work is not kept.*object") as said:
         keep()
@@ -341,10 +343,10 @@ def test_short_memory_costs_the_entry_and_not_the_work(cache: Cache, step: str) 
     def short(_: object) -> bytes:
         raise MemoryError
 
-    Stages(cache=cache).kept(MODES, some_modes, band=1.0)
+    Stages(cache=cache).get_or_compute(MODES, some_modes, band=1.0)
     work, stage = Counted(some_modes), replace(MODES, **{step: short})
     with pytest.warns(CacheWarning, match="modes: "):
-        made = Stages(cache=cache).kept(stage, work, band=2.0)
+        made = Stages(cache=cache).get_or_compute(stage, work, band=2.0)
     assert bits(made) == bits(some_modes())
     assert work.count == len(cache.entries()) == 1
 

@@ -443,7 +443,7 @@ def test_sounds_of_an_earlier_run_stay_and_are_counted(
     assert main([*given, "--material", "steel", "--seconds", "2"]) == 2
     assert "--seconds 2.0 is for sounds, which are made by --strikes" in capsys.readouterr().err
     assert main([*given, "--material", "steel", "--accuracy", "preview", "--modes", "2"]) == 0
-    told = "3 files of sounds of an earlier run: --strikes makes them anew"
+    told = "3 files of sounds of an earlier run: --strikes makes them again"
     assert f"bar.vtu: {told}" in capsys.readouterr().out
     assert len(struck.load(tmp_path / "out/bar.struck").frequencies) == 2
     assert len(list((tmp_path / "out").glob("*.wav"))) == 3

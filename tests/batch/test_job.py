@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from struck.batch.job import BodyJob, content_of
-from struck.batch.job_process import done, kept
+from struck.batch.job_process import done, find_finished
 from struck.batch.job_table import jobs_of
 from struck.errors import OptionError
 from struck.files import guard
@@ -19,7 +19,7 @@ from tests.files.test_guard import speaking
 
 def job_of(file: Path, **options: object) -> BodyJob:
     (job,) = jobs_of(str(file), "steel", None, options)
-    return job.keyed()
+    return job.with_key()
 
 
 def nothing(_stage: str, _fraction: float) -> None:
@@ -38,7 +38,7 @@ def test_a_file_that_changes_while_it_is_read_has_no_model(tmp_path: Path) -> No
     facts = done(job, tmp_path / "out", change)
     assert "changed while it was read" in facts["message"]
     assert not (tmp_path / "out/bar.struck").exists()
-    assert kept(job, tmp_path / "out") is None
+    assert find_finished(job, tmp_path / "out") is None
 
 
 def test_a_mesh_that_is_refused_is_remembered_until_it_changes(tmp_path: Path) -> None:
@@ -46,10 +46,10 @@ def test_a_mesh_that_is_refused_is_remembered_until_it_changes(tmp_path: Path) -
     file.write_text("v 0 0")
     facts = done(job_of(file), tmp_path / "out", nothing)
     assert facts["failure"] == "MeshError"
-    assert kept(job_of(file), tmp_path / "out") == facts
-    assert kept(job_of(file, repair=False), tmp_path / "out") is None
+    assert find_finished(job_of(file), tmp_path / "out") == facts
+    assert find_finished(job_of(file, repair=False), tmp_path / "out") is None
     file.write_text("v 0 0 0")
-    assert kept(job_of(file), tmp_path / "out") is None
+    assert find_finished(job_of(file), tmp_path / "out") is None
 
 
 @pytest.mark.parametrize(
@@ -78,10 +78,10 @@ def test_damaged_facts_are_none(tmp_path: Path) -> None:
     bar(file, 0.08, 0.01, 0.01)
     job, out = job_of(file), tmp_path / "out"
     done(job, out, nothing)
-    assert kept(job, out) is not None
+    assert find_finished(job, out) is not None
     for damaged in ("", "[]", '{"files": 1}', "{", '{"key": 3}'):
         (out / "bar.facts.json").write_text(damaged)
-        assert kept(job, out) is None
+        assert find_finished(job, out) is None
 
 
 def test_buffers_of_a_gltf_are_part_of_its_content(tmp_path: Path) -> None:

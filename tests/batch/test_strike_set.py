@@ -27,7 +27,7 @@ XYZ = "xyz"
 def analyzed(folder: Path, name: str = "bar", **how: object) -> Facts:
     """Return the facts of a bar's strikes, of a job in this process."""
     (job,) = jobs_of(str(folder / f"{name}.vtu"), "steel", None, {})
-    return done(replace(job, strikes=StrikeSet(**how)).keyed(), folder / "out", silent)
+    return done(replace(job, strikes=StrikeSet(**how)).with_key(), folder / "out", silent)
 
 
 def test_tables_functions_and_other_kinds_of_files(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from scipy.io import wavfile
 import struck
 from struck.cli import _COMMANDS_MEANT, _OPTIONS_MEANT, COMMANDS, Parser, declare, main
 from struck.cli.options import body_named
-from struck.errors import _CALLED, COUNTED, OptionError, nearest
+from struck.errors import _SYNONYMS, COUNTED, OptionError, nearest
 from struck.files.messages import FORMATS, READERS
 from struck.files.recognition import _NAMES, kind_by_content, readable
 from struck.shapes import Bar, CircularPlate, RoundSection
@@ -185,7 +185,7 @@ def test_each_hint_leads_to_what_exists() -> None:
             if not command.startswith("-"):
                 assert command in COMMANDS
                 assert not option or option in every[command]
-    for word, names in _CALLED.items():
+    for word, names in _SYNONYMS.items():
         for options in every.values():
             offered = re.findall(r"--([\w-]+)", nearest(word, options, "--{}"))
             assert set(offered) <= options

@@ -148,7 +148,7 @@ def test_progress_and_tables_are_escaped(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     complain(HOSTILE)
-    monkeypatch.setattr("struck.model.provenance._QUIET", 0.0)
+    monkeypatch.setattr("struck.model.provenance._FIRST_DELAY", 0.0)
     TerminalProgress()(HOSTILE, 0.5)
     require_clean(capsys.readouterr().err, lines=2)
     assert len(aligned([[HOSTILE, "b"], ["c", "d"]])) == 2

@@ -105,7 +105,7 @@ def test_impossible_charts_are_refused() -> None:
             heights.charted(pitch=pitch)
     with pytest.raises(OptionError, match="give metres a unit of each of u, v"):
         flat.charted(pitch=0.3)
-    with pytest.raises(OptionError, match="how long a unit of u and of v is was not told"):
+    with pytest.raises(OptionError, match="how long a unit of u and of v is is unknown"):
         flat.charted()
     with pytest.raises(OptionError, match="a round body alone, recorded with symmetry='axial'"):
         flat.charted(pitch=(0.1, 0.1), geometry=box)

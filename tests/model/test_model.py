@@ -182,7 +182,7 @@ def test_a_material_without_slopes_cannot_change_its_poisson_ratio(block: ModalM
         centre=block.centre,
         inertia=block.inertia,
     )
-    with pytest.raises(MaterialError, match="compute them anew"):
+    with pytest.raises(MaterialError, match="compute them again"):
         copy.made_of("glass")
 
 

@@ -80,10 +80,10 @@ def test_what_is_told_of_a_field_is_about_the_modes_of_the_object() -> None:
     drowned = replace(survey(), errors=np.abs(survey().gains) * [0.01, 100.0])
     note, directions = TimbreField.of(drowned).notes
     assert note.startswith("1 of 2 modes were not measured")
-    assert TimbreField.of(drowned, own=np.array([True, False])).notes == (
+    assert TimbreField.of(drowned, object_modes=np.array([True, False])).notes == (
         directions.replace("1 of 2", "1 of 1"),
     )
-    (note,) = TimbreField.of(drowned, own=np.array([False, True])).notes
+    (note,) = TimbreField.of(drowned, object_modes=np.array([False, True])).notes
     assert note.startswith("1 of 1 modes were not measured")
 
 

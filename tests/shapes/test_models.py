@@ -128,7 +128,7 @@ def test_a_drum_of_another_film_keeps_its_tension() -> None:
 def test_a_stiff_string_of_another_wire_is_computed_anew() -> None:
     shape, material, highest = BODIES["stiff string"]
     model = struck.analyze(shape, material, band=(20, highest))
-    with pytest.raises(MaterialError, match="compute them anew"):
+    with pytest.raises(MaterialError, match="compute the modes again"):
         model.made_of(WOOD)
 
 

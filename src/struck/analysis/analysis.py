@@ -66,12 +66,12 @@ if TYPE_CHECKING:
 Fixed = ArrayLike | Callable[[Array], Mask]
 METHODS = ("formula", "fem", "obrien2002", "obrien2002-consistent")
 BAND = (20.0, 20_000.0)
-# Coarse meshes come out too stiff, so their modes below the band's end lie somewhat beyond it.
+# Coarse meshes come out too stiff, so modes below the band's end may be computed above it.
 _WIDER = 1.15
-_BESIDE_END = 10  # modes whose errors tell how far the band is complete
+_MODES_NEAR_END = 10  # modes from whose errors the limit of completeness is estimated
 _MORE = 1.5  # times the functions of coarse cubic elements that fine ones have at least
 _HELPS = 0.75  # times the errors before, or less: else more elements would not help
-CERTAIN = 2.0  # of a forecast of memory: what takes less is not refused by it
+CERTAIN = 2.0  # divides a forecast of memory: less than that is certainly needed
 
 
 def _model_to_bytes(model: ModalModel) -> bytes:
@@ -116,33 +116,35 @@ def analyze(
     chosen = Material.of(material, damping)
     if chosen.doubt:
         warnings.warn(chosen.doubt, ScaleWarning, stacklevel=3)
-    wanted = lowest, highest = require_band(BAND if band is None else band)  # before any file
+    limits = lowest, highest = require_band(BAND if band is None else band)  # before any file
     resolution.level(accuracy or "standard")
     require_holes(holes, wall)
-    heard = by_name(radiation)
-    recoil = recoil and heard.calibrated  # the papers' own estimates have none
+    radiation_model = by_name(radiation)
+    recoil = recoil and radiation_model.calibrated  # the papers' own estimates have none
     file = FileOptions(units=units, size=size, part=part, up=up)
     formula = is_shape(body) and method in {None, "formula"}
     if is_shape(body) and not formula:
         require_choice("method", method, ("quadratic", *METHODS))
-    given = {"wall": wall, "accuracy": accuracy, "repair": repair, "holes": holes}
-    named = {option.name: getattr(file, option.name) for option in fields(file)}
-    require_applicable(body, formula=formula, **named, **given, fixed=fixed, backend=backend)
+    surface_options = {"wall": wall, "accuracy": accuracy, "repair": repair, "holes": holes}
+    file_options = {option.name: getattr(file, option.name) for option in fields(file)}
+    require_applicable(
+        body, formula=formula, **file_options, **surface_options, fixed=fixed, backend=backend
+    )
     if is_shape(body):
         if formula:
             recoil = recoil and not body.supported
-            return _by_formula(body, chosen, heard, wanted, progress, recoil=recoil)
+            return _by_formula(body, chosen, radiation_model, limits, progress, recoil=recoil)
         places, playing = body.places, body.playing_place
         body = replace(body.solid(), places=places, playing_place=playing)
-        fixed = _either(fixed, body.fixed)
+        fixed = _choose_fixed(fixed, body.fixed)
     method = "quadratic" if method is None or method == "fem" else method
     stages = Stages(cache=opened(choice=cache), progress=progress)
     solver = _solver(method, backend or "auto")
     recoil = recoil and method == "quadratic" and fixed is None
     progress("cutting the body into elements", 0.0)
-    source = discretise(body, file, stages, **given)
-    below = resolution.coarser(getattr(source, "accuracy", "preview"))
-    solver = replace(solver, coarser=below)
+    source = discretise(body, file, stages, **surface_options)
+    coarser_levels = resolution.coarser(getattr(source, "accuracy", "preview"))
+    solver = replace(solver, coarser=coarser_levels)
     work = _Work(
         stages=stages,
         material=chosen,
@@ -154,8 +156,8 @@ def analyze(
     )
     work.require_scale(source, asked=band is not None)
     elements, modes = work.resolved(source)
-    merged = _merged(elements.provenance, modes, body, method)
-    model = work.model(replace(modes, provenance=merged), elements, radiation, lowest)
+    provenance = _merged(elements.provenance, modes, body, method)
+    model = work.model(replace(modes, provenance=provenance), elements, radiation, lowest)
     return _recoiling(model) if recoil else model
 
 
@@ -178,8 +180,8 @@ def radiating(
     from struck.radiation.boundary_elements import SurfaceField  # only where it takes minutes
 
     stage: Stage[SurfaceField] = holding("timbre field", SurfaceField, Mesh, Air)
-    kept = partial(Stages(cache=opened(choice=cache)).kept, stage)
-    return model.radiating(band=band, near=near, keep=kept, progress=progress)
+    keep = partial(Stages(cache=opened(choice=cache)).get_or_compute, stage)
+    return model.radiating(band=band, near=near, keep=keep, progress=progress)
 
 
 def _recoiling(model: ModalModel) -> ModalModel:
@@ -217,10 +219,10 @@ def _by_formula(
     return _recoiling(model) if recoil else model
 
 
-def _either(asked: Fixed | None, own: Fixed | None) -> Fixed | None:
-    if asked is not None and own is not None:
-        raise OptionError("the shape tells where it is held itself: leave fixed= out")
-    return own if asked is None else asked
+def _choose_fixed(fixed: Fixed | None, shape_fixed: Fixed | None) -> Fixed | None:
+    if fixed is not None and shape_fixed is not None:
+        raise OptionError("the shape itself defines where it is held: leave fixed= out")
+    return shape_fixed if fixed is None else fixed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -238,12 +240,12 @@ class _Work:
     def require_scale(self, source: Discretisation, *, asked: bool) -> None:
         """Forecast modes, time and memory; warn or refuse where they are too many."""
         forecast, nodes = Forecast.of(source.outline, self.material, source.wall), source.nodes
-        held, doubt = self.fixed is not None, self.material.doubt
+        is_held, doubt = self.fixed is not None, self.material.doubt
         try:
-            told = forecast.require_reasonable(
+            warning = forecast.require_reasonable(
                 self.highest,
                 nodes,
-                held=held,
+                held=is_held,
                 asked=asked,
                 recoils=self.recoils,
                 coarser=self.solver.coarser,
@@ -251,18 +253,22 @@ class _Work:
         except OptionError as error:
             raise type(error)(f"{doubt}; else {error}" if doubt else str(error)) from error
         cost = Cost.of(forecast.modes(self.highest), nodes)
-        if told:
-            warnings.warn(told, ScaleWarning, stacklevel=4)
+        if warning:
+            warnings.warn(warning, ScaleWarning, stacklevel=4)
         self.stages.progress(ForecastStage.of(cost, cost.memory), 0.0)
         factorisation.require(int(cost.memory / CERTAIN), self.solver.coarser)
 
     def resolved(self, source: Discretisation) -> tuple[Elements, Modes]:
         """Return elements and their modes, with errors estimated by a coarser resolution too."""
-        coarse, first = self._coarse(source)
+        coarse_elements, coarse_modes = self._coarse(source)
         nodes = 0
-        if coarse and first and source.error and self.method == "quadratic":
-            few, least = coarse.mesh.functions, _MORE if coarse.mesh.cubic else 0.0
-            nodes = max(nodes_needed(first, few, source.error), round(least * few))
+        if coarse_elements and coarse_modes and source.error and self.method == "quadratic":
+            function_count = coarse_elements.mesh.functions
+            min_factor = _MORE if coarse_elements.mesh.cubic else 0.0
+            nodes = max(
+                nodes_needed(coarse_modes, function_count, source.error),
+                round(min_factor * function_count),
+            )
         elements = source.fine(self.stages, nodes)
         try:
             modes = self._modes(elements.mesh, MODES, self.highest)
@@ -277,24 +283,27 @@ class _Work:
                 why=f"{str(error).partition(';')[0]}: what is heard is its recoil",
             )
             return elements, none
-        found = self._judged(elements, modes, coarse, first)
-        helped = True
-        while helped and (finer := self._finer(source, elements, found)):
-            coarse, first, before = elements, modes, most_errors(found)
+        judged_modes = self._judged(elements, modes, coarse_elements, coarse_modes)
+        has_improved = True
+        while has_improved and (finer := self._finer(source, elements, judged_modes)):
+            coarse_elements, coarse_modes, old_error = elements, modes, most_errors(judged_modes)
             elements, modes = finer, self._modes(finer.mesh, MODES, self.highest)
-            found = self._judged(elements, modes, coarse, first)
-            helped = most_errors(found) < _HELPS * before
-        return elements, found
+            judged_modes = self._judged(elements, modes, coarse_elements, coarse_modes)
+            has_improved = most_errors(judged_modes) < _HELPS * old_error
+        return elements, judged_modes
 
-    def _finer(self, source: Discretisation, elements: Elements, found: Modes) -> Elements | None:
+    def _finer(self, source: Discretisation, elements: Elements, modes: Modes) -> Elements | None:
         """Return finer elements where the stated errors are far above the accuracy's."""
         if source.error is None or self.method != "quadratic":
             return None
-        times = times_too_wide(most_errors(found), source.error)
-        finer = source.finer(self.stages, elements.times * times) if times > 1 else None
-        if finer is None or elements.mesh.width() < LEAST_FINER * finer.mesh.width():
+        times = times_too_wide(most_errors(modes), source.error)
+        finer_elements = source.finer(self.stages, elements.times * times) if times > 1 else None
+        if (
+            finer_elements is None
+            or elements.mesh.width() < LEAST_FINER * finer_elements.mesh.width()
+        ):
             return None
-        return finer
+        return finer_elements
 
     def _judged(
         self, elements: Elements, modes: Modes, coarse: Elements | None, first: Modes | None
@@ -308,8 +317,8 @@ class _Work:
         if coarse and finer >= LEAST_FINER:
             judge = f"{coarse.mesh.functions} nodes beside these"
         provenance = modes.provenance.extended(references=("bank1993",), errors_by=judge)
-        # A mode just beyond the band's end may truly lie below it, by as much as those beside it.
-        doubt = float(np.quantile(errors[-_BESIDE_END:], 0.9)) if len(errors) else 0.0
+        # A mode just beyond the band's end may truly lie below it, by as much as its neighbours.
+        doubt = float(np.quantile(errors[-_MODES_NEAR_END:], 0.9)) if len(errors) else 0.0
         certain = modes.complete_to / (1 + doubt)
         return replace(modes, errors=errors, complete_to=certain, provenance=provenance)
 
@@ -317,7 +326,7 @@ class _Work:
         """Return the model of the modes, with its outermost places and the elements' places."""
         places, playing = {**places_of(modes.surface), **elements.places}, elements.playing_place
         self.stages.progress("computing how loudly modes radiate", 0.0)
-        return self.stages.kept(
+        return self.stages.get_or_compute(
             MODEL,
             lambda: ModalModel.of(
                 modes,
@@ -366,7 +375,7 @@ class _Work:
             estimate=estimate,
             progress=self.stages.progress,
         )
-        return self.stages.kept(
+        return self.stages.get_or_compute(
             stage,
             compute,
             mesh=mesh,
@@ -414,13 +423,15 @@ def _merged(start: Provenance, modes: Modes, body: Source, method: str) -> Prove
     """Join how the elements and the modes were made, with versions and the input's hash."""
     paper = ("obrien2002",) if method != "quadratic" else ()
     versions = {name: version(name) for name in ("struck", "numpy", "scipy", "rslab", "libigl")}
-    joined = replace(
+    provenance = replace(
         start,
         method=f"{start.method}, {modes.provenance.method}",
         details={**start.details, **modes.provenance.details, **_input(body), "versions": versions},
     )
-    told = modes.provenance
-    return joined.extended(references=(*paper, *told.references), dropped=told.dropped)
+    modes_provenance = modes.provenance
+    return provenance.extended(
+        references=(*paper, *modes_provenance.references), dropped=modes_provenance.dropped
+    )
 
 
 def _input(body: Source) -> dict[str, object]:
@@ -469,7 +480,7 @@ def model_of_modes(
     complete_to : float
         Hz: no mode below it is missing.
     radiation : Radiation, optional
-        Radiated power unless given.
+        Default: radiated power.
     places : mapping of str to array (3,), optional
         Contacts by name, m.
     method : str

@@ -1,8 +1,8 @@
 """Cached steps of an analysis: finished stages are kept on disk, and taken up again.
 
 The key of a result is the SHA-256 of the content of everything that it depends on, of struck's own
-source, and of the versions of the libraries that compute: a changed method needs no version number
-of its own, and two versions side by side never share an entry.
+source, and of the versions of the libraries that compute: a changed method needs no version
+number, and two versions side by side never share an entry.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _LARGEST_FILE = 2**30
 class Stage(Generic[T]):
     """A piece of work whose result can be kept."""
 
-    name: str  # what it makes
+    name: str  # of the result, for keys and progress
     pack: Callable[[T], bytes]  # FileFormatError for a result that it cannot
     unpack: Callable[[bytes], T]  # StruckError for bytes that hold no result
 
@@ -62,24 +62,24 @@ class Stages:
     cache: Cache | None = None
     progress: Progress = silent  # also called for a result that was there already
 
-    def kept(self, stage: Stage[T], compute: Callable[[], T], /, **inputs: object) -> T:
+    def get_or_compute(self, stage: Stage[T], compute: Callable[[], T], /, **inputs: object) -> T:
         """Return the result of a stage from the cache, or computed from its `inputs` and kept."""
         # Inputs are everything the result depends on, and nothing else. With one whose content
         # cannot be known, as a function, the result is computed and not kept. With a cache, it has
-        # gone through bytes either way: what follows cannot depend on which.
+        # been packed and unpacked in both cases, so later steps do not depend on the source.
         cache, key = self.cache, None if self.cache is None else _key(stage.name, inputs)
         if cache is None or key is None:
             return compute()
-        found = _found(stage, cache, key)
-        if found is not None:
+        cached_value = _load_value(stage, cache, key)
+        if cached_value is not None:
             self.progress(f"{stage.name} taken from the cache", 1.0)
-            return found
+            return cached_value
         value = compute()
-        changed_meanwhile = _key(stage.name, inputs) != key
-        return value if changed_meanwhile else _stored(stage, cache, key, value)
+        has_changed = _key(stage.name, inputs) != key
+        return value if has_changed else _store_value(stage, cache, key, value)
 
 
-def _found(stage: Stage[T], cache: Cache, key: str) -> T | None:
+def _load_value(stage: Stage[T], cache: Cache, key: str) -> T | None:
     data = cache.get(key)
     if data is None:
         return None
@@ -92,7 +92,7 @@ def _found(stage: Stage[T], cache: Cache, key: str) -> T | None:
     return None
 
 
-def _stored(stage: Stage[T], cache: Cache, key: str, value: T) -> T:
+def _store_value(stage: Stage[T], cache: Cache, key: str, value: T) -> T:
     try:
         data = stage.pack(value)
         again = stage.unpack(data)
@@ -127,8 +127,8 @@ def method() -> str:
 
 def fingerprint(value: object) -> str:
     """Return a SHA-256 in hexadecimal that equals another's only where type and content do."""
-    # Of numbers, text, arrays, dataclasses of struck, paths of mesh files (their content counts),
-    # and sequences and mappings of these; TypeError for anything else.
+    # It covers numbers, text, arrays, dataclasses of struck, mesh files (by their content), and
+    # sequences and mappings of these; TypeError for anything else.
     digest = hashlib.sha256()
     for piece in _pieces(value):
         digest.update(len(piece).to_bytes(8, "little"))
@@ -161,8 +161,8 @@ def _parts(value: object) -> Iterable[object]:
         return value.items()
     # The class of another package may compute otherwise tomorrow, unnoticed.
     if is_dataclass(value) and type(value).__module__.partition(".")[0] == "struck":
-        own = {field.name: getattr(value, field.name) for field in fields(value)}
-        return type(value).__qualname__, *own.items()
+        values = {field.name: getattr(value, field.name) for field in fields(value)}
+        return type(value).__qualname__, *values.items()
     raise _UnknownContentError(f"the content of {type(value).__name__} cannot be known")
 
 

@@ -99,7 +99,7 @@ class GivenElements:
     mesh: VolumeMesh
     error: float | None = None  # of frequencies to aim at: these elements cannot be chosen by it
     wall: float | None = None
-    units: str = "m"  # of the numbers that told it, in words
+    units: str = "m"  # of the numbers that defined it, in words
 
     @property
     def outline(self) -> Mesh:
@@ -152,8 +152,8 @@ class StructuredSolid:
     @property
     def nodes(self) -> Sequence[float]:
         """Numbers of nodes of the coarse mesh and of the first mesh."""
-        own = self._count(self.accuracy, 1.0)
-        return [own] if self._given else [self._count(*self._coarser), own]
+        count = self._count(self.accuracy, 1.0)
+        return [count] if self._given else [self._count(*self._coarser), count]
 
     @property
     def _coarser(self) -> tuple[str, float]:
@@ -185,7 +185,7 @@ class StructuredSolid:
 
     def _at(self, accuracy: str, finer: float, stages: Stages) -> Elements:
         solid = self.solid
-        mesh = stages.kept(
+        mesh = stages.get_or_compute(
             ELEMENTS,
             lambda: solid.volume_mesh(accuracy, finer),
             body=solid,
@@ -210,7 +210,7 @@ class FilledSurface:
     repair: Repair
     wall: float | None
     accuracy: str
-    units: str  # of the numbers that told it, in words
+    units: str  # of the numbers that defined it, in words
     up: str  # the upward axis, and why it is that, in words
 
     @property
@@ -235,8 +235,8 @@ class FilledSurface:
         return nodes_expected(self._body, self.accuracy)
 
     def coarse(self, stages: Stages, /) -> Elements | None:
-        """Return about a third of the nodes, where so few can follow the body."""
-        fillings = stages.kept(
+        """Return elements with about a third of the nodes, if they can resolve the body."""
+        fillings = stages.get_or_compute(
             COARSE, lambda: filled_coarsely(self._body, self.accuracy), **self._inputs
         )
         return self._elements(fillings[0]) if fillings else None
@@ -244,7 +244,7 @@ class FilledSurface:
     def fine(self, stages: Stages, nodes: int, /) -> Elements:
         """Return the elements of its accuracy, or more."""
         nodes = nodes_allowed(self.accuracy, nodes)
-        filling = stages.kept(
+        filling = stages.get_or_compute(
             FILLING,
             lambda: filled(self._body, self.accuracy, nodes=nodes),
             nodes=nodes,
@@ -369,7 +369,7 @@ def _load(
 
         if Path(body).suffix.lower() in SUFFIXES:
             return load_volume(body, units=file.units)
-        return stages.kept(
+        return stages.get_or_compute(
             SURFACE,
             lambda: _from_file(body, file, wall=wall, repair=repair, holes=holes),
             file=Path(body),
@@ -421,5 +421,5 @@ def _warn_of(body: Source, repair: Repair) -> None:
     """Warn of the faults of a surface and the changes that mended it."""
     if repair.found:
         name = f"{body}" if isinstance(body, str | os.PathLike) else "the mesh"
-        found, changed = " ".join(repair.found), " ".join(repair.changed)
-        warnings.warn(f"{name}: {found} {changed}", RepairWarning, stacklevel=4)
+        findings, changes = " ".join(repair.found), " ".join(repair.changed)
+        warnings.warn(f"{name}: {findings} {changes}", RepairWarning, stacklevel=4)

@@ -34,16 +34,18 @@ if TYPE_CHECKING:
 Point = tuple[float, float]  # a value, and the frequency that it gives, Hz
 FAMILIES = ("bending", "torsion", "stretching")
 _IN_TUNE = 1e-7
-_NEAR = 5e-4  # under a cent: enough where rounding in the elements lets no step come nearer
+# Under a cent: enough where rounding in the elements lets no step come nearer.
+_CLOSE_TOLERANCE = 5e-4
 _EDGES = ("length", "width", "height")  # of a block, along x, y and z
 _STEPS = 40
-_FARTHEST = 64.0  # times the wanted frequency up to which a mode is looked for
-_ALIKE = 1e-4  # modes of a family whose frequencies differ by less, relative, are one pair
-_WAY = (
+_MAX_FACTOR = 64.0  # times the wanted frequency up to which a mode is looked for
+# Modes of a family whose frequencies differ by less, relative, are one pair.
+_PAIR_TOLERANCE = 1e-4
+_ADVICE = (
     "give a body of struck.solids or struck.shapes, or what makes one, as "
     "functools.partial(bowl, radius=0.1), or scale its model by ModalModel.tuned(lowest=)"
 )
-_SLICES = 24  # across the longest axis, which are told apart by how they move
+_SLICES = 24  # across the longest axis; families differ by how these move
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,11 +71,12 @@ class Tuning:
     after: tuple[float, float]
 
     def __str__(self) -> str:
-        (size, rang), (found, rings) = self.before, self.after
-        share, cents = 100 * (found / size - 1), 1200 * np.log2(rings / rang)
+        (old_size, old_frequency), (new_size, new_frequency) = self.before, self.after
+        change = 100 * (new_size / old_size - 1)
+        cents = 1200 * np.log2(new_frequency / old_frequency)
         return (
-            f"{self.vary} {size:.7g} -> {found:.7g} ({share:+.2f} %): {self.mode} "
-            f"{rang:.2f} -> {rings:.2f} Hz ({cents:+.0f} cents)"
+            f"{self.vary} {old_size:.7g} -> {new_size:.7g} ({change:+.2f} %): {self.mode} "
+            f"{old_frequency:.2f} -> {new_frequency:.2f} Hz ({cents:+.0f} cents)"
         )
 
 
@@ -92,9 +95,9 @@ class _Mode:
             family, number = number, "1"
         known = number.isdecimal() and int(number) >= 1
         if not known or family not in {"", *FAMILIES}:
-            offer = nearest(family or number, FAMILIES)
+            suggestion = nearest(family or number, FAMILIES)
             raise OptionError(
-                f"mode is {mode!r}: {offer}give its number, or a family with a number of its own, "
+                f"mode is {mode!r}: {suggestion}give its number, or a family and a number, "
                 f"as 'bending 2': {', '.join(FAMILIES)}; {COUNTED}"
             )
         return cls(number=int(number), family=family)
@@ -102,52 +105,54 @@ class _Mode:
     def __str__(self) -> str:
         return f"{self.family or 'mode'} {self.number}"
 
-    def natural(self, body: Body, material: Material, accuracy: str, about: float) -> float:
+    def natural(self, body: Body, material: Material, accuracy: str, start: float) -> float:
         """Return its natural frequency, looked for from `about` on, Hz."""
         if is_shape(body):
             if self.family in {"", "bending"}:
-                return self._first(body.vibration(material, f).frequencies for f in _up(about))
+                return self._first(body.vibration(material, f).frequencies for f in _up(start))
             try:
-                return self._of_solid(body.solid(), material, accuracy, about)
+                return self._of_solid(body.solid(), material, accuracy, start)
             except OptionError as error:
-                told = str(error).replace("take method='formula'", "tune its bending")
-                raise OptionError(told) from None
+                message = str(error).replace("take method='formula'", "tune its bending")
+                raise OptionError(message) from None
         if self.family:
-            return self._of_solid(body, material, accuracy, about)
+            return self._of_solid(body, material, accuracy, start)
         return lowest_frequency(body.volume_mesh(accuracy), material, number=self.number)
 
-    def _of_solid(self, solid: Solid, material: Material, accuracy: str, about: float) -> float:
-        mesh, held = solid.volume_mesh(accuracy), getattr(solid, "fixed", None)
-        fixed = None if held is None else held(mesh.nodes)
+    def _of_solid(self, solid: Solid, material: Material, accuracy: str, start: float) -> float:
+        mesh, find_fixed = solid.volume_mesh(accuracy), getattr(solid, "fixed", None)
+        fixed = None if find_fixed is None else find_fixed(mesh.nodes)
 
-        def found() -> Iterator[Array]:
-            for highest in _up(about):
+        def family_frequencies() -> Iterator[Array]:
+            for limit_frequency in _up(start):
                 try:
-                    modes = vibration_modes(mesh, material, highest, fixed=fixed)
+                    modes = vibration_modes(mesh, material, limit_frequency, fixed=fixed)
                 except NoModeError:
                     continue
                 yield modes.frequencies[np.array(families_of(modes)) == self.family]
 
-        return self._first(found())
+        return self._first(family_frequencies())
 
     def _first(self, bands: Iterator[Array]) -> float:
         """Return the frequency of the first band that holds it."""
         most = 0
         for frequencies in bands:
-            alone = [f for last, f in pairwise((0.0, *frequencies)) if f > last * (1 + _ALIKE)]
-            listed = alone if self.family else frequencies
+            distinct_frequencies = [
+                f for last, f in pairwise((0.0, *frequencies)) if f > last * (1 + _PAIR_TOLERANCE)
+            ]
+            listed = distinct_frequencies if self.family else frequencies
             if len(listed) >= self.number:
                 return float(listed[self.number - 1])
             most = len(listed)
         raise OptionError(
-            f"mode is '{self}', and up to {_FARTHEST:g} times the wanted frequency there are {most}"
-            f" {self.family or 'in all'}: give a lower number or another family"
+            f"mode is '{self}', and up to {_MAX_FACTOR:g} times the wanted frequency there are "
+            f"{most} {self.family or 'in all'}: give a lower number or another family"
         )
 
 
-def _up(about: float) -> Iterator[float]:
+def _up(start: float) -> Iterator[float]:
     """Yield ends of bands, Hz, each twice the last."""
-    return iter(about * 2.0 ** np.arange(1, np.log2(_FARTHEST) + 1))
+    return iter(start * 2.0 ** np.arange(1, np.log2(_MAX_FACTOR) + 1))
 
 
 def _is_long(body: Any) -> bool:  # noqa: ANN401 - a shape or solid, by the attributes it has
@@ -167,24 +172,24 @@ def families_of(modes: Modes) -> list[str]:
     points = modes.surface.points - modes.surface.points.mean(axis=0)
     axes = np.linalg.svd(points, full_matrices=False)[2]
     points, shapes = points @ axes.T, np.einsum("vdm,ed->vem", modes.shapes, axes)
-    along = points[:, 0]
-    spans = np.linspace(along.min(), along.max() * (1 + 1e-9), _SLICES + 1)
+    positions = points[:, 0]
+    slice_edges = np.linspace(positions.min(), positions.max() * (1 + 1e-9), _SLICES + 1)
     energies = np.zeros((len(FAMILIES), len(modes.frequencies)))
-    for low, high in pairwise(spans):
-        inside = (along >= low) & (along < high)
-        if inside.sum() >= 3:
-            energies += _as_a_whole(points[inside], shapes[inside])
+    for low, high in pairwise(slice_edges):
+        in_slice = (positions >= low) & (positions < high)
+        if in_slice.sum() >= 3:
+            energies += _as_a_whole(points[in_slice], shapes[in_slice])
     shares = energies / np.square(shapes).sum(axis=(0, 1))
     best = np.where(shares.max(axis=0) > 0.5, shares.argmax(axis=0), len(FAMILIES))
-    return [(*FAMILIES, "section")[each] for each in best]
+    return [(*FAMILIES, "section")[item] for item in best]
 
 
 def _as_a_whole(points: Array, moved: Array) -> Array:
     """Return the squares of a slice's moves aside, about its axis and along it (3, M)."""
-    about = points - points.mean(axis=0)
-    turns = [np.cross(axis, about) for axis in np.eye(3)]
-    pushes = [np.tile(axis, (len(about), 1)) for axis in np.eye(3)]
-    motions = np.stack([*pushes, *turns]).reshape(6, -1).T
+    offsets = points - points.mean(axis=0)
+    rotations = [np.cross(axis, offsets) for axis in np.eye(3)]
+    translations = [np.tile(axis, (len(offsets), 1)) for axis in np.eye(3)]
+    motions = np.stack([*translations, *rotations]).reshape(6, -1).T
     weights = np.linalg.lstsq(motions, moved.reshape(-1, moved.shape[2]), rcond=None)[0]
     squares = np.square(weights) * np.square(motions).sum(axis=0)[:, None]
     return np.stack([squares[[1, 2, 4, 5]].sum(axis=0), squares[3], squares[0]])
@@ -222,9 +227,10 @@ def tune(
         Its number, from 1; or a family's, as "bending 2", "torsion" or "stretching": by how slices
         across the longest axis move. Two modes of one frequency count once in a family.
     accuracy : str, optional
-        "preview", "standard" (unless given) or "fine"; not of what a formula computes.
+        "preview", "standard" or "fine"; not for bodies computed by a formula.
+        Default: "standard".
     progress : callable or None
-        As for `struck.analyze`; told last by how much what was changed.
+        As for `struck.analyze`; its last stage is the result as text.
 
     Returns
     -------
@@ -237,13 +243,13 @@ def tune(
         When the body has no such dimension or family, or it does not reach the frequency.
     """
     _require_one(lowest, frequency)
-    given = _maker(body)
-    body = _made(given)
+    maker = _maker(body)
+    body = _made(maker)
     if not (isinstance(body, Solid) or is_shape(body)):
         name = getattr(body, "__name__", type(body).__name__)
-        raise OptionError(f"{name} has no dimensions to vary: {_WAY}")
+        raise OptionError(f"{name} has no dimensions to vary: {_ADVICE}")
     progress, chosen = reported(progress), _Mode.of(mode)
-    wanted = _wanted(lowest, frequency, chosen)
+    target = _target_frequency(lowest, frequency, chosen)
     if chosen.family and not _is_long(body):
         raise OptionError(
             f"mode is {mode!r}, but {', '.join(FAMILIES)} are families of bars, blocks and long "
@@ -258,34 +264,38 @@ def tune(
 
     def measured(value: float) -> Point:
         try:
-            varied = _made(_with(given, vary, value))
+            varied_body = _made(_with(maker, vary, value))
         except (OptionError, MeshError):  # beyond what the body allows
             return value, np.nan
-        natural = chosen.natural(varied, material, accuracy or "standard", wanted)
+        natural = chosen.natural(varied_body, material, accuracy or "standard", target)
         return value, float(ringing(natural, material.damping.decays(natural)))
 
-    points, best = _approached(measured, _dimension(given, vary), wanted, progress)
-    if abs(best[1] / wanted - 1) > _NEAR:
-        (low, high), (deep, bright) = ((min(each), max(each)) for each in zip(*points, strict=True))
-        raise OptionError(
-            f"{vary} cannot bring {chosen} to {wanted:.7g} Hz: between {vary} = {rounded(low, 5)} "
-            f"and {rounded(high, 5)} it rings at {deep:.7g} to {bright:.7g} Hz, nearest at "
-            f"{best[1]:.7g} Hz with {vary} = {best[0]:.7g}; check the lengths (m), or vary another "
-            "dimension or mode"
+    points, best_point = _approach(measured, _dimension(maker, vary), target, progress)
+    if abs(best_point[1] / target - 1) > _CLOSE_TOLERANCE:
+        (low, high), (deep, bright) = (
+            (min(values), max(values)) for values in zip(*points, strict=True)
         )
-    made = _made(_with(given, vary, best[0]))
-    found = Tuning(body=made, vary=vary, mode=f"{chosen}", before=points[0], after=best)
-    progress(f"tuned: {found}", 1.0)
-    return found
+        raise OptionError(
+            f"{vary} cannot bring {chosen} to {target:.7g} Hz: between {vary} = {rounded(low, 5)} "
+            f"and {rounded(high, 5)} it rings at {deep:.7g} to {bright:.7g} Hz, nearest at "
+            f"{best_point[1]:.7g} Hz with {vary} = {best_point[0]:.7g}; check the lengths "
+            "(m), or vary another dimension or mode"
+        )
+    tuned_body = _made(_with(maker, vary, best_point[0]))
+    tuning = Tuning(
+        body=tuned_body, vary=vary, mode=f"{chosen}", before=points[0], after=best_point
+    )
+    progress(f"tuned: {tuning}", 1.0)
+    return tuning
 
 
-def _approached(
-    measured: Callable[[float], Point], start: float, wanted: float, progress: Progress
+def _approach(
+    measured: Callable[[float], Point], start: float, target: float, progress: Progress
 ) -> tuple[list[Point], Point]:
     """Return values tried and their frequencies, Hz, until none comes nearer, and the nearest."""
-    points = [best := measured(start)]
+    points = [best_point := measured(start)]
     # Bending goes with 1 / length^2, all else more gently: a first step that seldom overshoots.
-    guess, step = start * (best[1] / wanted) ** 0.5, 0
+    guess, step = start * (best_point[1] / target) ** 0.5, 0
     while step < _STEPS and np.isfinite(guess):
         progress("tuning", step / _STEPS)
         step, last, point = step + 1, points[-1][0], measured(guess)
@@ -293,31 +303,33 @@ def _approached(
             guess = (guess * last) ** 0.5 if abs(guess / last - 1) > 1e-3 else np.nan
             continue
         points.append(point)
-        off, best = min((abs(each[1] / wanted - 1), each) for each in points)
-        if off < _IN_TUNE or (off < _NEAR and best not in points[-2:]):
+        deviation, best_point = min((abs(item[1] / target - 1), item) for item in points)
+        if deviation < _IN_TUNE or (deviation < _CLOSE_TOLERANCE and best_point not in points[-2:]):
             break
-        guess = _next(points[-2:], wanted)
-    return points, best
+        guess = _next_value(points[-2:], target)
+    return points, best_point
 
 
-def _require_one(*wanted: object) -> None:
+def _require_one(*pitches: object) -> None:
     """Refuse several notes in a text, as "C4,D4"."""
-    for each in wanted:
-        if isinstance(each, str) and len(several := re.split(r"[,;\s]+", each.strip())) > 1:
+    for pitch in pitches:
+        if isinstance(pitch, str) and len(notes := re.split(r"[,;\s]+", pitch.strip())) > 1:
             raise OptionError(
-                f"{each!r} are {len(several)} notes, and one body is tuned at a time: call tune "
+                f"{pitch!r} are {len(notes)} notes, and one body is tuned at a time: call tune "
                 "once for each"
             )
 
 
-def _wanted(lowest: float | str | None, frequency: float | str | None, mode: _Mode) -> float:
-    """Return the wanted frequency, Hz, of one of two arguments."""
+def _target_frequency(
+    lowest: float | str | None, frequency: float | str | None, mode: _Mode
+) -> float:
+    """Return the frequency to tune to, Hz, from one of two arguments."""
     if (lowest is None) == (frequency is None):
-        neither = "no frequency is given to tune to"
-        both = f"lowest is {lowest!r} and frequency is {frequency!r}"
+        missing_text = "no frequency is given to tune to"
+        conflict_text = f"lowest is {lowest!r} and frequency is {frequency!r}"
         raise OptionError(
-            f"{neither if lowest is None else both}: give one of lowest= and frequency=, in Hz or "
-            "as a note, as 440 or A4"
+            f"{missing_text if lowest is None else conflict_text}: give one of lowest= and "
+            "frequency=, in Hz or as a note, as 440 or A4"
         )
     if lowest is not None and (mode.family or mode.number != 1):
         raise OptionError(f"lowest is {lowest!r}, but mode is '{mode}': give frequency= of that")
@@ -329,15 +341,16 @@ def _maker(body: Any) -> Any:  # noqa: ANN401 - a body, or what makes one
     """Return a body or a partial itself, and any other function as a partial of its defaults."""
     if isinstance(body, partial | Solid) or is_shape(body) or not callable(body):
         return body
-    name, taken = getattr(body, "__name__", "it"), inspect.signature(body).parameters.values()
+    name, parameters = getattr(body, "__name__", "it"), inspect.signature(body).parameters.values()
     variadic = {inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD}
-    needed = [
-        each.name for each in taken if each.default is each.empty and each.kind not in variadic
+    required_names = [
+        item.name for item in parameters if item.default is item.empty and item.kind not in variadic
     ]
-    if needed:
-        values = ", ".join(f"{each}=..." for each in needed)
+    if required_names:
+        values = ", ".join(f"{item}=..." for item in required_names)
         raise OptionError(
-            f"{name} has no value for {', '.join(needed)}: give functools.partial({name}, {values})"
+            f"{name} has no value for {', '.join(required_names)}: give "
+            f"functools.partial({name}, {values})"
         )
     return partial(body)
 
@@ -349,8 +362,8 @@ def _made(body: Any) -> Any:  # noqa: ANN401 - a body, or what makes one
 def _arguments(body: Any) -> dict[str, Any]:  # noqa: ANN401 - a body, or what makes one
     """Return all arguments of a body, or of its maker, by name."""
     if isinstance(body, partial):
-        usual = inspect.signature(body.func).parameters.items()
-        return {name: each.default for name, each in usual} | body.keywords
+        parameters = inspect.signature(body.func).parameters.items()
+        return {name: item.default for name, item in parameters} | body.keywords
     names = [field.name for field in fields(body)] if is_dataclass(body) else []
     return {name: getattr(body, name) for name in names}
 
@@ -358,13 +371,13 @@ def _arguments(body: Any) -> dict[str, Any]:  # noqa: ANN401 - a body, or what m
 def _dimension(body: Any, vary: str) -> float:  # noqa: ANN401 - a body, or what makes one
     """Return a number of a body; the edges of a block are length, width and height."""
     values = _arguments(body)
-    numbers = {name: each for name, each in values.items() if type(each) in {int, float}}
+    numbers = {name: item for name, item in values.items() if type(item) in {int, float}}
     numbers |= dict(zip(_EDGES, values.get("size", ()), strict=False))
     if vary not in numbers:
-        offer = nearest(vary, list(numbers))
+        suggestion = nearest(vary, list(numbers))
         raise OptionError(
-            f"vary is {vary!r}: {offer}this body has {', '.join(numbers) or 'no numbers'} to vary"
-            f"{'' if numbers else f': {_WAY}'}"
+            f"vary is {vary!r}: {suggestion}this body has {', '.join(numbers) or 'no numbers'} to "
+            f"vary{'' if numbers else f': {_ADVICE}'}"
         )
     return float(numbers[vary])
 
@@ -380,10 +393,10 @@ def _with(body: Any, vary: str, value: float) -> Any:  # noqa: ANN401 - a body, 
     return replace(body, **change)
 
 
-def _next(points: list[Point], wanted: float) -> float:
+def _next_value(points: list[Point], target: float) -> float:
     """Return the secant's next value, by a factor of 2 at most; NaN where it leads nowhere."""
     (x0, x1), (y0, y1) = np.log(np.array(points)).T
     slope = (y1 - y0) / (x1 - x0) if x1 != x0 else 0.0
     if not np.isfinite(slope) or abs(slope) < 1e-3:
         return np.nan
-    return float(np.exp(x1 + np.clip((np.log(wanted) - y1) / slope, -np.log(2), np.log(2))))
+    return float(np.exp(x1 + np.clip((np.log(target) - y1) / slope, -np.log(2), np.log(2))))

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from struck.batch.batch_report import PAGES, BatchReport, BatchRow, require_labels
 from struck.batch.job import FACTS, OPTIONS, BodyJob
-from struck.batch.job_process import Facts, kept
+from struck.batch.job_process import Facts, find_finished
 from struck.batch.job_table import Files, Table, jobs_of, require_known, table_rows
 from struck.batch.processes import Processes, failure
 from struck.batch.strike_set import Strikes, StrikeSet
@@ -56,16 +56,17 @@ def analyze_many(
     progress: Progress | None = silent,
     **options: Any,  # noqa: ANN401 - of `struck.analyze`
 ) -> BatchReport:
-    """Analyze many mesh files: each body becomes a model in a folder, and a line in a report.
+    """Analyze many mesh files: each body becomes a model in a folder, and a row of a report.
 
-    Each body is analyzed in a process of its own with one thread, which writes its ``.struck``
+    Each body is analyzed in a separate process with one thread, which writes its ``.struck``
     file whole: byte for byte what `struck.analyze` with one thread gives. What fails, fails alone.
 
     Parameters
     ----------
     files : str or path, or several, optional
-        Patterns as ``meshes/**/*.obj``, folders and names of files. What stands below the fixed
-        part of a pattern stands in `out` alike. A file of several bodies gives one model a body.
+        Patterns as ``meshes/**/*.obj``, folders and names of files. The folders below the
+        fixed part of a pattern are made again in `out`. A file of several bodies gives one model
+        for each.
     material : Material or str, optional
         Of all files whose row in the table names none.
     out : path
@@ -76,15 +77,19 @@ def analyze_many(
         without its ending) and the options of `struck.analyze`; `band` and `fixed` are numbers with
         spaces between. Its files need not be among `files`.
     strikes : int, path, sequence of mappings, or callable, optional
-        Strikes of each model whose sounds are written beside it: so many at random; or the same for
-        all, by a CSV or TOML table of what `struck.Strike` takes, and `listener`; or a function
-        of a module, ``chosen(model, generator)``, that returns strikes or pairs of strike and
-        listener.
+        Strikes of each model, whose sounds are written next to it: a number of random ones; or the
+        same for all models, by a CSV or TOML table of the arguments of `struck.Strike`, and
+        `listener`; or a function of a module, ``chosen(model, generator)``, that returns strikes or
+        pairs of strike and listener.
     seed : int
         Of random strikes and of the generator.
-    seconds, sample_rate, sounds : float, int, str
-        Length of each sound, s, its rate, Hz, and "wav", "flac" (24 bit, struck[recordings]) or
-        "npz" (one array of all sounds of a model).
+    seconds : float
+        Length of each sound, s.
+    sample_rate : int
+        Sample rate of each sound, Hz.
+    sounds : {"wav", "flac", "npz"}
+        Format: "flac" has 24 bit and needs struck[recordings]; "npz" is one array of all sounds of
+        a model.
     fade : float, optional
         Duration of the fade of sounds that are cut off, s, as for `struck.render`; 0 for none.
         Default: 10 ms.
@@ -92,14 +97,14 @@ def analyze_many(
         Table in `out` of what was struck where, how and heard from where: ``.csv``, or ``.parquet``
         (struck[parquet]).
     resume : bool
-        Keep what is in `out` of the same content and options, failures of a mesh too; otherwise all
-        is done anew.
+        Whether results in `out` of the same content and options are kept, failures of meshes
+        included; otherwise all bodies are analyzed again.
     processes : int, optional
-        How many at once on this machine; its cores unless given.
+        Number of processes at a time on this machine. Default: its number of cores.
     memory : float, optional
-        Bytes that all together may take; what is free unless given. By the forecast of each, as
-        many run at once as fit; one that is forecast to take more runs alone, or is refused where
-        that cannot be.
+        Limit of all processes together, bytes. As many run at a time as fit by their forecasts; a
+        job that is forecast to take more runs alone, or is refused if that is impossible.
+        Default: the free memory.
     scheduler : str or distributed.Client, optional
         A Dask cluster that does the work instead (struck[batch]), as "tcp://host:8786".
     cache : bool or path
@@ -112,28 +117,36 @@ def analyze_many(
     Returns
     -------
     BatchReport
-        A row for each body. The same stands in `out` as ``report.csv``, ``.json`` and ``.html``.
+        A row for each body. It is also written to `out` as ``report.csv``, ``.json`` and ``.html``.
 
     Raises
     ------
     OptionError, FileFormatError, MissingDependencyError
         On what concerns all: no files, two models of one name, unknown options, a folder that
-        cannot be written, a missing package. What is wrong with one file is told in its row.
+        cannot be written, a missing package. Errors of one file are reported in its row.
     """
-    wanted = None
+    strike_set = None
     require_known(options, "analyze_many", (*OPTIONS, *[*signature(analyze_many).parameters][:-1]))
-    usual = {"seed": (seed, 0), "seconds": (seconds, 1.0), "sample_rate": (sample_rate, 48_000)}
-    usual |= {"sounds": (sounds, "wav"), "fade": (fade, None), "labels": (labels, "labels.csv")}
-    for name, (given, default) in ({} if strikes is not None else usual).items():
-        if given != default:
+    sound_options = {
+        "seed": (seed, 0),
+        "seconds": (seconds, 1.0),
+        "sample_rate": (sample_rate, 48_000),
+    }
+    sound_options |= {
+        "sounds": (sounds, "wav"),
+        "fade": (fade, None),
+        "labels": (labels, "labels.csv"),
+    }
+    for name, (value, default) in ({} if strikes is not None else sound_options).items():
+        if value != default:
             raise OptionError(
-                f"{name}={given!r} is for sounds, which are made by strikes=: give it, or leave "
+                f"{name}={value!r} is for sounds, which are made by strikes=: give it, or leave "
                 f"{name}= out"
             )
     if strikes is not None:
-        each = table_rows(strikes) if isinstance(strikes, str | os.PathLike) else strikes
-        wanted = StrikeSet(
-            strikes=each,
+        strike_source = table_rows(strikes) if isinstance(strikes, str | os.PathLike) else strikes
+        strike_set = StrikeSet(
+            strikes=strike_source,
             seed=seed,
             seconds=seconds,
             sample_rate=sample_rate,
@@ -141,12 +154,14 @@ def analyze_many(
             fade=fade,
         )
     if processes is not None:
-        require_number("processes", processes, 1, 10_000, whole=True, wanted="give 1 or more")
+        require_number("processes", processes, 1, 10_000, whole=True, hint="give 1 or more")
     if memory is not None:
-        require_number("memory", memory, 1e6, 1e18, wanted="give 1e6 or more", unit=" bytes")
+        require_number("memory", memory, 1e6, 1e18, hint="give 1e6 or more", unit=" bytes")
     require_labels(labels)
     chosen = cache if isinstance(cache, bool) else os.fspath(cache)
-    jobs = jobs_of(files, material, table, options, partial(BodyJob, strikes=wanted, cache=chosen))
+    jobs = jobs_of(
+        files, material, table, options, partial(BodyJob, strikes=strike_set, cache=chosen)
+    )
     folder = Path(out)
     _require_apart(jobs, table, [folder / name for name in (*PAGES, labels)], folder)
     progress = progress or silent
@@ -205,35 +220,35 @@ class _Batch:
     def add(self, job: BodyJob) -> None:
         """Take a job in, unless it was finished before or another does the same work."""
         try:
-            job = job if job.key else job.keyed()
+            job = job if job.key else job.with_key()
         except StruckError as error:
             self._end(job, failure(type(error).__name__, str(error)))
             return
         except (OSError, ValueError) as error:
             self._end(job, failure("FileFormatError", f"{job.file} {unread(job.file, error)}"))
             return
-        alike = self._alike.setdefault(job.key, [])
-        alike.append(job)
-        facts = kept(job, self._folder) if self._resume else None
+        twins = self._alike.setdefault(job.key, [])
+        twins.append(job)
+        facts = find_finished(job, self._folder) if self._resume else None
         if facts is not None:
             self._end(job, facts)
-        elif alike[0] is job:
+        elif twins[0] is job:
             self.waiting.append(job)
-        elif alike[0].output in self._ended:
-            self._end(job, self._copied(alike[0], job))
+        elif twins[0].output in self._ended:
+            self._end(job, self._copied(twins[0], job))
 
     def run(self, crew: Processes | Cluster) -> None:
-        """Let a crew do all that waits; where it cannot go on, the rest has failed."""
+        """Run all waiting jobs by a crew; on a SolverError of the crew the remaining jobs fail."""
         try:
             while self.waiting or self._running:
                 while self.waiting and crew.free():
                     self._running.append(self.waiting.popleft())
                     crew.start(self._running[-1])
-                told = crew.finished(_PATIENCE)
-                if told is not None:
-                    self._running.remove(told[0])
+                outcome = crew.finished(_PATIENCE)
+                if outcome is not None:
+                    self._running.remove(outcome[0])
                     self._computed += 1
-                    self._end(*told)
+                    self._end(*outcome)
                 left = len(self.waiting) + len(self._running)
                 self._progress("computing models", 1 - left / (left + len(self._ended)))
         except SolverError as error:
@@ -241,13 +256,13 @@ class _Batch:
                 self._end(job, failure("SolverError", str(error)))
         finally:
             crew.close()
-            for each in {job.path(self._folder).parent for job in self._running}:
-                sweep(each)
+            for parent in {job.path(self._folder).parent for job in self._running}:
+                sweep(parent)
 
     def report(self) -> BatchReport:
         """Return a row for each body, in the order of their outputs."""
-        told = [self._ended[output] for output in sorted(self._ended)]
-        rows = [BatchRow.of(job, facts) for job, facts in told if not facts.get("parts")]
+        outcomes = [self._ended[output] for output in sorted(self._ended)]
+        rows = [BatchRow.of(job, facts) for job, facts in outcomes if not facts.get("parts")]
         return BatchReport(folder=self._folder, rows=tuple(rows), computed=self._computed)
 
     def _end(self, job: BodyJob, facts: Facts) -> None:
@@ -267,8 +282,8 @@ class _Batch:
 
     def _copied(self, first: BodyJob, twin: BodyJob) -> Facts:
         """Copy the model of a job with the same content and options to another name."""
-        told = json.dumps(self._ended[first.output][1])
-        facts = json.loads(told.replace(json.dumps(first.file)[1:-1], json.dumps(twin.file)[1:-1]))
+        text = json.dumps(self._ended[first.output][1])
+        facts = json.loads(text.replace(json.dumps(first.file)[1:-1], json.dumps(twin.file)[1:-1]))
         try:
             if "files" in facts:
                 twin.path(self._folder).parent.mkdir(parents=True, exist_ok=True)

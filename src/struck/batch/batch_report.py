@@ -28,8 +28,8 @@ from struck.model.mesh import Mesh
 from struck.model.picture_style import in_default_style
 
 PAGES = ("report.json", "report.csv", "report.html")
-_SHOWN = 20  # bodies or strikes on the page
-_HEARD = 1.5  # s, of a body without strikes
+_MAX_FIGURES = 20  # bodies or strikes on the page
+_EXAMPLE_DURATION = 1.5  # s, of a body without strikes
 _HEADINGS = ("file", "part", "status", "modes", "lowest (Hz)", "error (%)", "CPU (s)", "GB", "told")
 _SEAL = "<!-- of {} -->\n"
 
@@ -43,11 +43,11 @@ class BatchRow:
     file, part, material : str
         Of which body, by the names of its file and of its part where a file holds several.
     model : str
-        Name of its model in the folder; empty where there is none.
+        Name of its model in the folder; "" without one.
     status : str
         "done" or "failed".
     modes : int
-        Where there is none, what is heard of the body is its recoil, as its message says.
+        Number of modes; with 0, the body sounds by its recoil alone, as `message` reports.
     lowest, error : float or None
         Lowest frequency, Hz, and the largest relative error of a frequency.
     cpu, memory : float
@@ -57,7 +57,7 @@ class BatchRow:
     failure, message : str
         Name of the error, and what it says; or what was left out.
     labels : tuple of mappings
-        Of each of its sounds: what `struck.Strike` and `struck.render` take for the same one.
+        For each sound, the arguments of `struck.Strike` and `struck.render` that give it again.
     """
 
     file: str
@@ -79,11 +79,11 @@ class BatchRow:
     def of(cls, job: BodyJob, facts: Mapping[str, Any]) -> BatchRow:
         """Return the report's row of an ended job from its facts."""
         material, model = job.material, "" if "failure" in facts else f"{job.output}{MODEL}"
-        named = material.name if isinstance(material, Material) else material
+        material_name = material.name if isinstance(material, Material) else material
         body = {
             "file": job.file,
             "part": job.options.get("part") or "",
-            "material": named,
+            "material": material_name,
             "model": model,
         }
         names = ("modes", "lowest", "error", "cpu", "memory", "failure", "message")
@@ -97,9 +97,9 @@ class BatchRow:
 
     def plain(self) -> dict[str, Any]:
         """Return the row as JSON values, without the labels of its sounds."""
-        told = asdict(self)
-        del told["labels"]
-        return told
+        values = asdict(self)
+        del values["labels"]
+        return values
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -159,7 +159,9 @@ class BatchReport:
         entries = [
             (row, label) for row in self.rows if row.model for label in row.labels or (None,)
         ]
-        chosen = np.unique(np.linspace(0, len(entries) - 1, min(len(entries), _SHOWN)).astype(int))
+        chosen = np.unique(
+            np.linspace(0, len(entries) - 1, min(len(entries), _MAX_FIGURES)).astype(int)
+        )
         shown = ""
         for row, some in groupby((entries[each] for each in chosen), key=itemgetter(0)):
             shown += self._shown(row, [label for _, label in some])
@@ -180,29 +182,29 @@ class BatchReport:
         """Return a body's picture and the sound of each of some strikes."""
         from struck.scene.render import render
 
-        name, shown = f"{row.file} {row.part}".strip(), ""
+        name, figures = f"{row.file} {row.part}".strip(), ""
         try:
             model = model_file.load(self.folder / row.model)
-            drawn = None if model.geometry is None else _Picture(model.geometry)
+            picture = None if model.geometry is None else _Picture(model.geometry)
             for label in labels:
                 if label is None:
-                    sound = render(model, Strike(), seconds=_HEARD)
-                    how = counted(row.modes, "mode")
-                    how += f" from {row.lowest:.0f} Hz" if row.lowest else ""
-                    how += f", struck at {model.contact().place}"
+                    sound = render(model, Strike(), seconds=_EXAMPLE_DURATION)
+                    caption = counted(row.modes, "mode")
+                    caption += f" from {row.lowest:.0f} Hz" if row.lowest else ""
+                    caption += f", struck at {model.contact().place}"
                 else:
                     sound = struck_as(model, label)
                     impulse = f"{rounded(label['impulse'], 2)} N s".replace(
                         " ", "\N{NO-BREAK SPACE}"
                     )
-                    how = f"{label['striker'] or 'struck'}, {impulse}"
-                image = "" if drawn is None else drawn.of(f"the body of {name}", label)
-                text = html.escape(f"{name}, {row.material}: {how}")
-                heard = f"{image}<br>{sound._repr_html_()}<figcaption>{text}</figcaption>"
-                shown += f"<figure>{heard}</figure>"
+                    caption = f"{label['striker'] or 'struck'}, {impulse}"
+                image = "" if picture is None else picture.of(f"the body of {name}", label)
+                text = html.escape(f"{name}, {row.material}: {caption}")
+                content = f"{image}<br>{sound._repr_html_()}<figcaption>{text}</figcaption>"
+                figures += f"<figure>{content}</figure>"
         except StruckError as error:  # a file that was changed meanwhile
             return f"<figure><figcaption>{html.escape(str(error))}</figcaption></figure>"
-        return shown
+        return figures
 
 
 _STYLE = """\
@@ -218,7 +220,7 @@ section { overflow-x: auto; }
 def _cells(row: BatchRow) -> tuple[str, ...]:
     lowest = "" if row.lowest is None else f"{row.lowest:.1f}"
     error = "" if row.error is None else rounded(100 * row.error, 2)
-    told = " ".join(part for part in (row.failure, row.message, *row.warnings) if part)
+    remarks = " ".join(part for part in (row.failure, row.message, *row.warnings) if part)
     counts = (str(row.modes) if row.model else "", lowest, error)
     return (
         row.file,
@@ -227,7 +229,7 @@ def _cells(row: BatchRow) -> tuple[str, ...]:
         *counts,
         f"{row.cpu:.1f}",
         f"{row.memory / 1e9:.2f}",
-        told,
+        remarks,
     )
 
 
@@ -248,8 +250,8 @@ class _Picture:
         """Return the image as HTML, with an alternative text."""
         if label is not None:
             x, y, height = self._painter.view @ [label[axis] for axis in "xyz"]
-            hidden = height < (self._painter.surface.points @ self._painter.view[2]).mean()
-            self._mark.set(data=([x], [y]), fillstyle="none" if hidden else "full")
+            is_hidden = height < (self._painter.surface.points @ self._painter.view[2]).mean()
+            self._mark.set(data=([x], [y]), fillstyle="none" if is_hidden else "full")
         image = picture(text, self._figure)
         self._figure.set_layout_engine("none")  # found once
         return image
@@ -271,7 +273,7 @@ def require_labels(name: str) -> None:
         raise OptionError(f"labels is {name!r}: give the name of a .csv or .parquet in the folder")
     if name.endswith(".parquet"):
         try:
-            import pyarrow.parquet  # noqa: F401 - here only asked for
+            import pyarrow.parquet  # noqa: F401 - imported to see whether it is installed
         except ImportError as error:
             raise MissingDependencyError(
                 "Parquet files need pyarrow: pip install 'struck[parquet]', or name a .csv"

@@ -1,4 +1,4 @@
-"""Jobs on a Dask cluster: each is tried once, on one worker, in a process of its own there.
+"""Jobs on a Dask cluster: each is tried once, on one worker, in a separate process there.
 
 The scheduler would give a job whose worker died to others, up to four of them: so each is bound to
 its worker, and as many are given out as workers have threads. A worker that sees this run's folder
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
 _LONGEST = 20.0  # s, of an answer of the scheduler
-_OFTEN = 1.0  # s between two looks at the workers
+_POLL_INTERVAL = 1.0  # s between two looks at the workers
 _PATIENCE = 120.0  # s without a worker
 
 
@@ -42,12 +42,12 @@ class Cluster:
 
     def __init__(self, folder: Path, scheduler: str | Client, run: str) -> None:
         self._folder, self._run = folder.absolute(), run
-        self._own = isinstance(scheduler, str)
+        self._owns_client = isinstance(scheduler, str)
         self._client: Any = _connected(scheduler) if isinstance(scheduler, str) else scheduler
         self._events: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._running: dict[Any, tuple[BodyJob, str]] = {}  # by futures, each with its worker
         self._threads: dict[str, int] = {}  # by addresses of workers
-        self._looked, self._seen = 0.0, time.monotonic()
+        self._last_refresh, self._last_worker_time = 0.0, time.monotonic()
         try:
             _require_same(self._client)
         except BaseException:
@@ -56,7 +56,7 @@ class Cluster:
 
     def free(self) -> bool:
         """Return whether some worker has a thread to spare."""
-        self._look()
+        self._refresh_workers()
         return self._spare()[0] > 0
 
     def start(self, job: BodyJob) -> None:
@@ -87,47 +87,48 @@ class Cluster:
         if future.status == "cancelled":
             self._gone()
         try:
-            told = future.result(timeout=_LONGEST)
-            for name, data in told["contents"].items():
+            answer = future.result(timeout=_LONGEST)
+            for name, data in answer["contents"].items():
                 path = self._folder / name
                 path.parent.mkdir(parents=True, exist_ok=True)
                 write_bytes(path, data)
         except Exception as error:  # noqa: BLE001 - of whatever kind, it is this job's alone
             return job, failure(type(error).__name__, f"{error} (on the worker {worker})")
-        return job, told["facts"]
+        return job, answer["facts"]
 
     def close(self) -> None:
         """Leave the cluster: cancel its waiting tasks, and do not wait for the running ones."""
         for future in self._running:
             future.cancel()
-        if self._own:
+        if self._owns_client:
             self._client.close()
 
-    def _look(self) -> None:
+    def _refresh_workers(self) -> None:
         """Ask the scheduler which workers there are, once a second."""
         now = time.monotonic()
-        if now - self._looked < _OFTEN:
+        if now - self._last_refresh < _POLL_INTERVAL:
             return
         try:
-            found = self._client.sync(self._client.scheduler.ncores, callback_timeout=_LONGEST)
+            threads = self._client.sync(self._client.scheduler.ncores, callback_timeout=_LONGEST)
         except (OSError, TimeoutError, AttributeError) as error:
             self._gone(error)
-        self._threads, self._looked = dict(found), now
-        self._seen = now if found else self._seen
-        if now - self._seen > _PATIENCE:
+        self._threads, self._last_refresh = dict(threads), now
+        self._last_worker_time = now if threads else self._last_worker_time
+        if now - self._last_worker_time > _PATIENCE:
             raise SolverError(
                 f"the scheduler has had no worker for {_PATIENCE:.0f} s: start some, and run it "
-                "again, which goes on from here"
+                "again, which keeps what is finished"
             )
 
     def _spare(self) -> tuple[int, str]:
         """Return the most threads that a worker has to spare, and its address."""
-        busy = Counter(worker for _, worker in self._running.values())
-        return max(((n - busy[each], each) for each, n in self._threads.items()), default=(0, ""))
+        job_counts = Counter(worker for _, worker in self._running.values())
+        spare = ((n - job_counts[worker], worker) for worker, n in self._threads.items())
+        return max(spare, default=(0, ""))
 
     def _lost(self) -> tuple[BodyJob, Facts] | None:
         """Return a job whose worker has gone, if any."""
-        self._look()
+        self._refresh_workers()
         for future, (job, worker) in list(self._running.items()):
             if worker not in self._threads and not future.done():
                 del self._running[future]
@@ -141,8 +142,8 @@ class Cluster:
 
     def _gone(self, error: BaseException | None = None) -> NoReturn:
         raise SolverError(
-            "the scheduler went away: start it and its workers, and run it again, which goes on "
-            "from here"
+            "the scheduler is gone: start it and its workers, and run it again, which keeps what "
+            "is finished"
         ) from error
 
 
@@ -151,17 +152,17 @@ def task(job: BodyJob, folder: str, run: str) -> dict[str, Any]:
     from distributed import get_worker
 
     worker: Any = get_worker()
-    limit = worker.memory_manager.memory_limit
-    share = None if limit is None else int(limit) // worker.state.nthreads
-    with TemporaryDirectory(prefix="struck-") as own:
-        shared = _is_of(run, Path(folder))
-        place = Path(folder) if shared else Path(own)
-        with closing(Processes(place, count=1, memory=share)) as crew:
+    memory_limit = worker.memory_manager.memory_limit
+    memory = None if memory_limit is None else int(memory_limit) // worker.state.nthreads
+    with TemporaryDirectory(prefix="struck-") as temporary_folder:
+        is_shared = _is_of(run, Path(folder))
+        place = Path(folder) if is_shared else Path(temporary_folder)
+        with closing(Processes(place, count=1, memory=memory)) as crew:
             crew.start(job)
-            while (told := crew.finished(_OFTEN)) is None:
+            while (outcome := crew.finished(_POLL_INTERVAL)) is None:
                 pass
-        facts, names = told[1], []
-        if not shared and "key" in facts:  # the model last, with which the job is finished
+        facts, names = outcome[1], []
+        if not is_shared and "key" in facts:  # the model last, with which the job is finished
             names = [*facts.get("files", {})]
             names.insert(-1, f"{job.output}{FACTS}")
         contents = {name: (place / name).read_bytes() for name in names if (place / name).exists()}
@@ -202,6 +203,6 @@ def _require_same(client: Any) -> None:  # noqa: ANN401 - a client of distribute
         raise OptionError(
             f"scheduler and workers are not as here ({error}): install the same versions everywhere"
         ) from error
-    other = [worker for worker, each in methods.items() if each != method()]
+    other = [worker for worker, version in methods.items() if version != method()]
     if other:
         raise OptionError(f"{other[0]} has another struck: install the same version everywhere")

@@ -25,8 +25,8 @@ from struck.files.atomic import is_file, open_ordinary, read_bytes
 from struck.files.messages import ReadingLimits
 from struck.model.material import Material
 
-MODEL, FACTS = ".struck", ".facts.json"  # endings of a job's model, and of what is told of it
-OPTIONS = {  # of `analyze`, with what they are unless given
+MODEL, FACTS = ".struck", ".facts.json"  # endings of a job's model, and of its facts
+OPTIONS = {  # of `analyze`, with their defaults
     name: each.default
     for name, each in inspect.signature(analyze).parameters.items()
     if name not in {"body", "material", "cache", "progress"}
@@ -46,7 +46,7 @@ class BodyJob:
     content: str = ""  # SHA-256 of the file
     key: str = ""
 
-    def keyed(self) -> BodyJob:
+    def with_key(self) -> BodyJob:
         """Return the job with its key, once its file has been read; OSError where it cannot be."""
         damping, content = self.options.get("damping", "own"), self.content or content_of(self.file)
         material = Material.of(self.material, damping)
@@ -56,7 +56,7 @@ class BodyJob:
             for name, value in sorted(self.options.items())
             if value is not OPTIONS[name] and name != "damping"
         }
-        with suppress(KeyError, TypeError, ValueError):  # 20 is 20.0; what is wrong is told later
+        with suppress(KeyError, TypeError, ValueError):  # 20 is 20.0; errors are reported later
             options["band"] = tuple(map(float, options["band"]))
         key = fingerprint((method(), content, material, options, strikes))
         return replace(self, content=content, key=key)
@@ -64,7 +64,7 @@ class BodyJob:
     def for_part(self, name: str) -> BodyJob:
         """Return the job of one body of several."""
         output = "-".join((self.output, re.sub(r"[^\w.-]", "_", name)))
-        return replace(self, output=output, options={**self.options, "part": name}).keyed()
+        return replace(self, output=output, options={**self.options, "part": name}).with_key()
 
     def path(self, folder: Path, ending: str = MODEL) -> Path:
         """Return the path of one of a job's output files."""
@@ -74,12 +74,12 @@ class BodyJob:
 def content_of(file: str) -> str:
     """Return the SHA-256 of a mesh file and a glTF's buffers; OSError without it."""
     path, digest = Path(file), hashlib.sha256()
-    for each in (path, *_companions(path)):
-        with open_ordinary(each) as opened:
-            size = os.fstat(opened.fileno()).st_size
+    for file_path in (path, *_companions(path)):
+        with open_ordinary(file_path) as stream:
+            size = os.fstat(stream.fileno()).st_size
             digest.update(size.to_bytes(8, "little"))
             if size <= ReadingLimits().size:  # no reader takes a larger one
-                digest.update(hashlib.sha256(opened.read()).digest())
+                digest.update(hashlib.sha256(stream.read()).digest())
     return digest.hexdigest()
 
 
@@ -87,7 +87,7 @@ def _companions(path: Path) -> list[Path]:
     """Return the files that a glTF file names and that are there."""
     try:
         buffers = json.loads(read_bytes(path))["buffers"] if path.suffix.lower() == ".gltf" else ()
-        named = [path.with_name(str(each.get("uri"))) for each in buffers]
+        paths = [path.with_name(str(buffer.get("uri"))) for buffer in buffers]
     except (FileFormatError, ValueError, LookupError, AttributeError, TypeError, RecursionError):
         return []
-    return [each for each in named if is_file(each)]
+    return [companion for companion in paths if is_file(companion)]

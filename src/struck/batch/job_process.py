@@ -1,4 +1,4 @@
-"""A job in a process of its own: one body is analyzed, and its files are written whole.
+"""A job in a separate process: one body is analyzed, and its files are written whole.
 
 The process that `processes` starts loads struck once, and forks for each job. It reads jobs as
 pickles on standard input and answers lines of JSON on standard output; it ends with its input.
@@ -43,13 +43,13 @@ from struck.model.provenance import ForecastStage
 from struck.perception.audibility import within_budget
 from struck.solids.resolution import coarser
 
-Facts = dict[str, Any]  # what a job tells, as JSON values
+Facts = dict[str, Any]  # results of a job, as JSON values
 GIB = 2**30
 ALLOWED = b"+"
 _KEPT_ERRORS = (MeshError, MaterialError, OptionError, ContactError)  # which come again
-_TOLD = (CacheWarning, LossWarning, RepairWarning, ScaleWarning)
+_REPORTED_WARNINGS = (CacheWarning, LossWarning, RepairWarning, ScaleWarning)
 _FIRST_TO_GO = b"500"  # of 1,000: where memory is short the system ends a job, not its user's work
-_SLACK = 2 * GIB  # bytes that libraries reserve beside what they use
+_SLACK = 2 * GIB  # bytes that libraries reserve and do not use
 
 
 # The process
@@ -72,7 +72,7 @@ def main() -> None:
         if not child:
             try:
                 _answer(asked, answers)
-            except BaseException:  # noqa: BLE001 - whatever it is, this fork must not go on
+            except BaseException:  # noqa: BLE001 - this fork must end on any error
                 os._exit(1)
             os._exit(0)
         _tell(answers, ended=os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
@@ -86,8 +86,8 @@ def _read(count: int) -> bytes:
     return data if len(data) == count else b""
 
 
-def _tell(answers: IO[str], **told: object) -> None:
-    answers.write(json.dumps(told) + "\n")
+def _tell(answers: IO[str], **message: object) -> None:
+    answers.write(json.dumps(message) + "\n")
     answers.flush()
 
 
@@ -98,7 +98,7 @@ def _answer(asked: bytes, answers: IO[str]) -> None:
     threading.Thread(target=_listen, args=(allowed,), daemon=True).start()
     _confine(memory)
 
-    below = coarser(job.options.get("accuracy") or "standard")
+    coarser_levels = coarser(job.options.get("accuracy") or "standard")
 
     def wait(stage: str, _fraction: float) -> None:
         if isinstance(stage, ForecastStage):
@@ -106,7 +106,8 @@ def _answer(asked: bytes, answers: IO[str]) -> None:
                 raise SolverError(
                     f"finding its modes needs about {stage.memory / GIB:.1f} GiB of memory, and it "
                     f"may take {memory / GIB:.1f} GiB: give more memory=, "
-                    f"{below}{', ' if below else ''}a narrower band or a simpler mesh"
+                    f"{coarser_levels}{', ' if coarser_levels else ''}a narrower band or a simpler "
+                    "mesh"
                 )
             _tell(answers, forecast=stage.memory)
             allowed.wait()
@@ -132,8 +133,8 @@ def _confine(memory: int | None) -> None:
 
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         if memory is not None:
-            hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
-            resource.setrlimit(resource.RLIMIT_DATA, (memory + _SLACK, hard))
+            hard_limit = resource.getrlimit(resource.RLIMIT_DATA)[1]
+            resource.setrlimit(resource.RLIMIT_DATA, (memory + _SLACK, hard_limit))
 
 
 # The job
@@ -148,13 +149,13 @@ def done(job: BodyJob, folder: Path, progress: Callable[[str, float], None]) -> 
             facts["parts"] = _several(job)
             if facts["parts"]:
                 return _keep(job, folder, facts)
-            how = {**job.options, "cache": job.cache, "progress": progress}
-            given = {"body": job.file, "material": job.material}
-            model = within_budget(how.pop("modes", None), analyze, **given, **how)
+            options = {**job.options, "cache": job.cache, "progress": progress}
+            inputs = {"body": job.file, "material": job.material}
+            model = within_budget(options.pop("modes", None), analyze, **inputs, **options)
         if content_of(job.file) != job.content:
             raise OSError(f"{job.file} changed while it was read: run it again")  # noqa: TRY301
         return _written(job, folder, facts | _described(model), model)
-    except Exception as error:  # noqa: BLE001 - whatever is wrong with one file, the rest goes on
+    except Exception as error:  # noqa: BLE001 - an error of one file does not stop the others
         short = "memory is short: give it more, or run fewer jobs at once (processes=)"
         message = short if isinstance(error, MemoryError) else str(error)
         facts |= {"failure": type(error).__name__, "message": message, **_cost()}
@@ -177,12 +178,14 @@ def _several(job: BodyJob) -> list[str]:
 @contextlib.contextmanager
 def _noting_warnings(facts: Facts) -> Iterator[None]:
     """Note the warnings that a person should read."""
-    with warnings.catch_warnings(record=True) as said:
+    with warnings.catch_warnings(record=True) as records:
         warnings.simplefilter("always")
         try:
             yield
         finally:
-            facts["warnings"] = [str(each.message) for each in said if each.category in _TOLD]
+            facts["warnings"] = [
+                str(item.message) for item in records if item.category in _REPORTED_WARNINGS
+            ]
 
 
 def _described(model: ModalModel) -> Facts:
@@ -199,21 +202,24 @@ def _written(job: BodyJob, folder: Path, facts: Facts, model: ModalModel) -> Fac
     """Write sounds, then facts, and the model last: with it the job is finished."""
     # Strikes that cannot be made leave what an earlier run has made.
     chosen = [] if job.strikes is None else job.strikes.labels(model, job.output)
-    before, own = _facts(job, folder), Path(job.output).name
+    old_facts, stem = _facts(job, folder), Path(job.output).name
     job.path(folder, FACTS).unlink(missing_ok=True)
-    mine = [name for name in before.get("files", {}) if Path(name).name.startswith(own)]
-    stay = [name for name in mine if job.strikes is None and not name.endswith(MODEL)]
-    for name in {*mine} - {*stay}:  # made with other options
+    old_names = [name for name in old_facts.get("files", {}) if Path(name).name.startswith(stem)]
+    remaining_names = [
+        name for name in old_names if job.strikes is None and not name.endswith(MODEL)
+    ]
+    for name in {*old_names} - {*remaining_names}:  # made with other options
         (folder / name).unlink(missing_ok=True)
     labels = chosen
     if job.strikes is not None:
         labels = job.strikes.written(model, chosen, job.output, folder)
     data = model_file.to_bytes(model)
     sounds = dict.fromkeys(label["sound"] for label in labels)
-    if old := [name for name in stay if (folder / name).is_file()]:
-        told = f"{counted(len(old), 'file')} of sounds of an earlier run: strikes= makes them anew"
-        facts["warnings"] = [*facts.get("warnings", []), told]
-        sounds |= dict.fromkeys(old)
+    if old_sounds := [name for name in remaining_names if (folder / name).is_file()]:
+        files = counted(len(old_sounds), "file")
+        warning = f"{files} of sounds of an earlier run: strikes= makes them again"
+        facts["warnings"] = [*facts.get("warnings", []), warning]
+        sounds |= dict.fromkeys(old_sounds)
     sizes = {name: (folder / name).stat().st_size for name in sounds}
     facts |= {"files": {**sizes, f"{job.output}{MODEL}": len(data)}, "labels": labels, **_cost()}
     _keep(job, folder, facts)
@@ -226,14 +232,14 @@ def _keep(job: BodyJob, folder: Path, facts: Facts) -> Facts:
     return facts
 
 
-def kept(job: BodyJob, folder: Path) -> Facts | None:
+def find_finished(job: BodyJob, folder: Path) -> Facts | None:
     """Return the facts of a job that was finished before, None where it was not."""
     facts = _facts(job, folder)
     try:
-        whole = all((folder / name).stat().st_size == n for name, n in facts["files"].items())
+        is_complete = all((folder / name).stat().st_size == n for name, n in facts["files"].items())
     except (OSError, KeyError):
-        whole = "failure" in facts or bool(facts.get("parts"))
-    return facts if whole and facts.get("key") == job.key else None
+        is_complete = "failure" in facts or bool(facts.get("parts"))
+    return facts if is_complete and facts.get("key") == job.key else None
 
 
 def _facts(job: BodyJob, folder: Path) -> Facts:
@@ -252,11 +258,11 @@ def _cost() -> dict[str, float]:
         import resource
     except ImportError:
         return {"cpu": time.process_time(), "memory": 0.0}
-    both = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    usages = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     unit = 1 if sys.platform == "darwin" else 1024
     return {
-        "cpu": sum(each.ru_utime + each.ru_stime for each in both),
-        "memory": float(unit * max(each.ru_maxrss for each in both)),
+        "cpu": sum(item.ru_utime + item.ru_stime for item in usages),
+        "memory": float(unit * max(item.ru_maxrss for item in usages)),
     }
 
 

@@ -53,37 +53,37 @@ def jobs_of(
     level(options.get("accuracy") or "standard")
     require_choice("units", options.get("units") or "m", UNITS)
     patterns = [files] if isinstance(files, str | os.PathLike) else list(files or ())
-    others = [type(each).__name__ for each in patterns if not isinstance(each, str | os.PathLike)]
+    others = [type(item).__name__ for item in patterns if not isinstance(item, str | os.PathLike)]
     if others:
         raise ArgumentError(
-            f"files hold {article(others[0])}: give mesh files, folders or patterns; what is no "
-            "file goes to struck.analyze, one by one"
+            f"files hold {article(others[0])}: give mesh files, folders or patterns, and "
+            "objects to struck.analyze, one by one"
         )
-    found = {path: root for each in patterns for path, root in _matches(os.fspath(each))}
+    roots = {path: root for item in patterns for path, root in _matches(os.fspath(item))}
     rows: dict[str, list[Mapping[str, Any]]] = {}
-    named = {os.path.abspath(path): path for path in found}  # noqa: PTH100 - links stay apart
+    paths = {os.path.abspath(path): path for path in roots}  # noqa: PTH100 - links stay apart
     for row, root in _rows(table):
         path = os.path.normpath(root / row["file"])
-        path = named.setdefault(os.path.abspath(path), path)  # noqa: PTH100 - links stay apart
-        found.setdefault(path, root)
+        path = paths.setdefault(os.path.abspath(path), path)  # noqa: PTH100 - links stay apart
+        roots.setdefault(path, root)
         rows.setdefault(path, []).append(row)
-    if not found:
+    if not roots:
         raise OptionError(
             f"no mesh file has the name {' or '.join(map(repr, patterns)) or '(none)'}: give a "
             "pattern as 'meshes/**/*.obj', in quotes in a shell"
         )
-    jobs, taken = [], {}
-    for path, root in found.items():
-        given = {"material": material, **options}
+    jobs, jobs_by_output = [], {}
+    for path, root in roots.items():
+        arguments = {"material": material, **options}
         if not applicable(path, accuracy=None):
-            given.pop("accuracy", None)  # which chooses the elements of the other files
+            arguments.pop("accuracy", None)  # which chooses the elements of the other files
         for row in rows.get(path, [{}]):
-            job = _job(path, root, {**given, **row}, make)
-            other = taken.setdefault(job.output.casefold(), job)
+            job = _job(path, root, {**arguments, **row}, make)
+            other = jobs_by_output.setdefault(job.output.casefold(), job)
             if other is not job:
                 raise OptionError(
                     f"{other.file} and {path} would both become {job.output}{MODEL}: rename one, "
-                    "or tell the output of each in a table"
+                    "or set the output of each in a table"
                 )
             jobs.append(job)
     _require_sendable(jobs)
@@ -94,26 +94,28 @@ def _matches(pattern: str) -> Iterator[tuple[str, Path]]:
     """Yield the files of a pattern, a folder or a name, each with the folder it stands below."""
     path = Path(pattern)
     if is_folder(pattern) and pattern:
-        every = sorted(each for each in path.rglob("*") if is_file(each))
-        yield from ((str(each), path) for each in every if {*_suffix(each).split(".")} & _KINDS)
+        every = sorted(item for item in path.rglob("*") if is_file(item))
+        yield from ((str(item), path) for item in every if {*_suffix(item).split(".")} & _KINDS)
     elif is_file(pattern) or not glob.has_magic(pattern):
         yield from [(os.path.normpath(pattern), path.parent)] if pattern else ()
     else:
         first = next(i for i, part in enumerate(path.parts) if glob.has_magic(part))
         every = sorted(glob.glob(pattern, recursive=True))  # noqa: PTH207 - as shells read it
         root = Path(*path.parts[:first])
-        yield from ((os.path.normpath(each), root) for each in every if is_file(each))
+        yield from ((os.path.normpath(item), root) for item in every if is_file(item))
 
 
 def _suffix(path: Path) -> str:
     """Return the ending of a mesh file's name in small letters, that of its packing with it."""
-    packed = path.suffix.lower() in _PACKED
-    return "".join(path.suffixes[-2:] if packed else path.suffixes[-1:]).lower()
+    is_packed = path.suffix.lower() in _PACKED
+    return "".join(path.suffixes[-2:] if is_packed else path.suffixes[-1:]).lower()
 
 
 def _job(path: str, root: Path, row: dict[str, Any], make: Callable[..., BodyJob]) -> BodyJob:
-    below = Path(path).relative_to(root) if Path(path).is_relative_to(root) else Path(path).name
-    stem = Path(below).as_posix()
+    relative_path = (
+        Path(path).relative_to(root) if Path(path).is_relative_to(root) else Path(path).name
+    )
+    stem = Path(relative_path).as_posix()
     stem = stem[: len(stem) - len(_suffix(Path(path)))]
     named, material = row.pop("output", stem), row.pop("material")
     row.pop("file", None)
@@ -127,29 +129,31 @@ def _job(path: str, root: Path, row: dict[str, Any], make: Callable[..., BodyJob
 
 def _require_sendable(jobs: Sequence[BodyJob]) -> None:
     """Raise OptionError for options that cannot be pickled for another process."""
-    told = [
-        each for job in jobs for each in (*job.options.values(), getattr(job.strikes, "strikes", 0))
+    values = [
+        value
+        for job in jobs
+        for value in (*job.options.values(), getattr(job.strikes, "strikes", 0))
     ]
     try:
-        pickle.dumps(told)
-        made = [each for each in told if callable(each)]  # functions of a module have a name
-        own = [f for f in made if not inspect.isfunction(f) or f.__module__ == "__main__"]
+        pickle.dumps(values)
+        functions = [value for value in values if callable(value)]  # of a module: with a name
+        culprits = [f for f in functions if not inspect.isfunction(f) or f.__module__ == "__main__"]
     except (pickle.PicklingError, AttributeError, TypeError) as error:
-        own = [error]
-    if own:
+        culprits = [error]
+    if culprits:
         raise OptionError(
-            f"other processes cannot be told of {own[0]!r}: give numbers, texts, or a function of "
-            "a module that they can import"
+            f"{culprits[0]!r} cannot be sent to other processes: give numbers, texts, or a "
+            "function of a module that they can import"
         )
 
 
-def require_known(names: Iterable[object], where: str, known: Iterable[str]) -> None:
+def require_known(names: Iterable[object], place: str, known: Iterable[str]) -> None:
     """Refuse names that are not known, with the nearest."""
-    unknown = {str(each) for each in names} - {*known}
+    unknown = {str(item) for item in names} - {*known}
     if unknown:
-        offers = "".join(nearest(each, known) for each in sorted(unknown))
+        suggestions = "".join(nearest(item, known) for item in sorted(unknown))
         raise OptionError(
-            f"{where} has no {', '.join(sorted(unknown))}: {offers}give some of "
+            f"{place} has no {', '.join(sorted(unknown))}: {suggestions}give some of "
             f"{', '.join(sorted(known))}"
         )
 
@@ -158,22 +162,22 @@ def require_known(names: Iterable[object], where: str, known: Iterable[str]) -> 
 
 
 def _rows(table: Table) -> Iterator[tuple[Mapping[str, Any], Path]]:
-    """Yield the rows of a table, checked, each with the folder its file stands in."""
+    """Yield the rows of a table, checked, each with the folder of its file."""
     if isinstance(table, str | os.PathLike):
         name, root, rows = os.fspath(table), Path(table).parent, table_rows(table)
     else:
         name, root, rows = "the table", Path(), table or ()
     for number, row in enumerate(rows, start=1):
-        where = f"row {number} of {name}"
+        place = f"row {number} of {name}"
         if not isinstance(row, Mapping) or not row.get("file"):
-            raise OptionError(f"{where} names no file: it is needed in each row")
-        require_known(row, where, _COLUMNS)
+            raise OptionError(f"{place} names no file: it is needed in each row")
+        require_known(row, place, _COLUMNS)
         given = {key: value for key, value in row.items() if value is not None and value != ""}
         try:
             read = {key: _READ[key](value) for key, value in given.items() if key in _READ}
             yield {**given, **read}, root
         except (ValueError, TypeError, KeyError) as error:
-            raise OptionError(f"{where} is not understood ({error}): {dict(given)}") from error
+            raise OptionError(f"{place} is not understood ({error}): {dict(given)}") from error
 
 
 def table_rows(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
@@ -183,15 +187,15 @@ def table_rows(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
         text = data.decode("utf-8-sig")
         if Path(path).suffix.lower() != ".toml":
             named = text.partition("\n")[0]
-            between = next((each for each in ";\t" if each in named and "," not in named), ",")
+            between = next((item for item in ";\t" if item in named and "," not in named), ",")
             lines = io.StringIO(text, newline="")
             return list(csv.DictReader(lines, delimiter=between, strict=True))
         (rows,) = tomllib.loads(text).values()
         return list(rows)
     except (ValueError, TypeError, csv.Error, RecursionError) as error:
-        why = "it is no text" if isinstance(error, UnicodeDecodeError) else error
+        reason = "it is no text" if isinstance(error, UnicodeDecodeError) else error
         raise FileFormatError(
-            f"{path} is no CSV or TOML table ({why}): give CSV with the names of its columns "
+            f"{path} is no CSV or TOML table ({reason}): give CSV with the names of its columns "
             "in the first line, or TOML with [[files]] for each"
         ) from error
 

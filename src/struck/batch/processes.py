@@ -1,6 +1,6 @@
 """Processes of this machine that do jobs: as many at once as cores and memory together allow.
 
-Each tells a forecast of its memory once it knows the body, and waits for leave to go on.
+Each sends a forecast of its memory as soon as it has read the body, and waits for permission.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _PROGRAM = "from struck.batch.job_process import main; main()"
 
 
 def failure(kind: str, message: str) -> Facts:
-    """Return the facts of a job that failed without facts of its own: an error and its message."""
+    """Return the facts of a job that failed without writing any: an error and its message."""
     return {"failure": kind, "message": message}
 
 
@@ -48,8 +48,8 @@ class _Worker:
 
     def _listen(self, events: queue.SimpleQueue[tuple[_Worker, Facts | None]]) -> None:
         """Put each line of the process's output into the queue, and None once it has ended."""
-        with cast("Any", self._process.stdout) as told:
-            for line in told:
+        with cast("Any", self._process.stdout) as output:
+            for line in output:
                 events.put((self, json.loads(line)))
         events.put((self, None))
 
@@ -94,7 +94,7 @@ class Processes:
 
     def free(self) -> bool:
         """Return whether another job can be started: one that waits for memory leaves its core."""
-        waiting = sum(each.waits for each in self._running.values())
+        waiting = sum(item.waits for item in self._running.values())
         return len(self._running) - waiting < self._count and waiting < self._count
 
     def start(self, job: BodyJob) -> None:
@@ -104,26 +104,26 @@ class Processes:
         except OSError as error:
             raise SolverError(f"no process can be started ({error}): end some others") from error
         self._running[worker] = _Running(job=job)
-        asked = pickle.dumps((job, str(self._folder), self._memory))
-        worker.tell(len(asked).to_bytes(8, "little") + asked)
+        request = pickle.dumps((job, str(self._folder), self._memory))
+        worker.tell(len(request).to_bytes(8, "little") + request)
 
     def finished(self, seconds: float) -> tuple[BodyJob, Facts] | None:
         """Wait for a job to end for at most some seconds, and return it with its facts."""
         try:
-            worker, told = self._events.get(timeout=seconds)
+            worker, answer = self._events.get(timeout=seconds)
         except queue.Empty:
             return None
         running = self._running.get(worker)
         if running is None:  # it ended without a job
-            self._idle = [each for each in self._idle if each is not worker]
+            self._idle = [item for item in self._idle if item is not worker]
             return None
-        if told is not None and "ended" not in told:
-            running.facts = told.get("facts")
-            running.forecast, running.waits = told.get("forecast", 0.0), "forecast" in told
+        if answer is not None and "ended" not in answer:
+            running.facts = answer.get("facts")
+            running.forecast, running.waits = answer.get("forecast", 0.0), "forecast" in answer
             self._allow()
             return None
         del self._running[worker]
-        code = worker.close() if told is None else told["ended"]
+        code = worker.close() if answer is None else answer["ended"]
         if code == 0 and running.facts is not None:
             self._idle.append(worker)
         else:
@@ -137,17 +137,17 @@ class Processes:
             worker.close()
 
     def _allow(self) -> None:
-        """Let jobs go on while the memory of all running ones fits; a single job always may."""
-        for worker, each in self._running.items():
-            taken = sum(other.forecast for other in self._running.values() if not other.waits)
-            fits = self._memory is None or taken + each.forecast <= self._memory
-            if each.waits and (fits or not taken):
-                each.waits = False
+        """Admit waiting jobs while the memory of all running ones fits; a single one always may."""
+        for worker, item in self._running.items():
+            memory = sum(other.forecast for other in self._running.values() if not other.waits)
+            fits = self._memory is None or memory + item.forecast <= self._memory
+            if item.waits and (fits or not memory):
+                item.waits = False
                 worker.tell(ALLOWED)
 
 
 def _ended(code: int) -> Facts:
-    """Return the facts of a job whose process ended by itself."""
+    """Return the facts of a job whose process ended unexpectedly."""
     reason = f"signal {-code}" if code < 0 else f"code {code}"
     return failure(
         "ProcessEnded",

@@ -36,12 +36,12 @@ Strikes: TypeAlias = (
     "int | Sequence[Mapping[str, Any]] | Callable[[ModalModel, Any], Sequence[Any]]"
 )
 SOUNDS = ("wav", "flac", "npz")
-_MOST = 100_000  # strikes of a model
+_MAX_STRIKES = 100_000  # strikes of a model
 _SPEEDS = (0.1, 2.0)  # m/s, between which random strikers fly, evenly in octaves
 _TILT = 0.3  # of random pushes from the normal, as a tangent's root mean square
-_NEAR = 1.0  # m, of random listeners beyond the body
+_LISTENER_DISTANCE = 1.0  # m, of random listeners beyond the body
 _XYZ = "xyz"
-_SAME = ("shape", "patch", "transient", "time", "seed")  # of a strike and of its label
+_SHARED_FIELDS = ("shape", "patch", "transient", "time", "seed")  # of a strike and of its label
 _NAMES = tuple(field.name for field in fields(Strike))
 
 
@@ -58,19 +58,19 @@ class StrikeSet:
 
     def __post_init__(self) -> None:
         if isinstance(self.strikes, int | float):
-            wanted = "give how many of each model, their table, or a function that chooses them"
-            require_number("strikes", self.strikes, 1, _MOST, whole=True, wanted=wanted)
+            hint = "give how many of each model, their table, or a function that chooses them"
+            require_number("strikes", self.strikes, 1, _MAX_STRIKES, whole=True, hint=hint)
         elif not callable(self.strikes):
             rows = self.strikes if isinstance(self.strikes, Sequence) else [self.strikes]
-            wrong = [type(row).__name__ for row in rows if not isinstance(row, Mapping)]
-            if wrong or not rows:
+            bad_types = [type(row).__name__ for row in rows if not isinstance(row, Mapping)]
+            if bad_types or not rows:
                 raise OptionError(
-                    f"strikes has {f'rows of type {wrong[0]}' if wrong else 'no row'}: give a "
-                    "number, rows as [{'at': 'top', 'impulse': 0.01}], or a function (model, "
-                    "generator) that returns Strikes"
+                    f"strikes has {f'rows of type {bad_types[0]}' if bad_types else 'no row'}: "
+                    "give a number, rows as [{'at': 'top', 'impulse': 0.01}], or a function "
+                    "(model, generator) that returns Strikes"
                 )
             named_strikes(self.strikes)
-        require_number("seed", self.seed, 0, 2**63, whole=True, wanted="give 0 or more")
+        require_number("seed", self.seed, 0, 2**63, whole=True, hint="give 0 or more")
         require_choice("sounds", self.sounds, SOUNDS)
         require_fade(self.fade, self.seconds)
         if self.sounds == "flac":
@@ -84,25 +84,25 @@ class StrikeSet:
 
     def labels(self, model: ModalModel, output: str) -> list[dict[str, Any]]:
         """Return the label of each strike on a model, whose places are checked by that."""
-        return [self._label(model, *each) for each in self._chosen(model, output)]
+        return [self._label(model, *item) for item in self._chosen(model, output)]
 
     def written(
         self, model: ModalModel, chosen: Sequence[dict[str, Any]], output: str, folder: Path
     ) -> list[dict[str, Any]]:
         """Write the sounds of labels, all in one NPZ file or one by one; add file and level."""
-        labels, together = [], []
+        labels, sample_blocks = [], []
         for number, label in enumerate(chosen):
             sound = struck_as(model, label)
             ending = ".npz" if self.sounds == "npz" else f"_{number:03d}.{self.sounds}"
             unit = "Pa" if sound.calibrated else "relative"
-            own = {"sound": output + ending, "index": number, "factor": 1.0, "unit": unit}
+            columns = {"sound": output + ending, "index": number, "factor": 1.0, "unit": unit}
             if self.sounds == "npz":
-                together.append(sound.samples)
+                sample_blocks.append(sound.samples)
             else:
-                own["factor"] = _saved(sound, folder / f"{output}{ending}")
-            labels.append(label | own)
-        if together:
-            data, samples = io.BytesIO(), np.concatenate(together)
+                columns["factor"] = _saved(sound, folder / f"{output}{ending}")
+            labels.append(label | columns)
+        if sample_blocks:
+            data, samples = io.BytesIO(), np.concatenate(sample_blocks)
             np.savez(data, samples=samples, sample_rate=self.sample_rate)
             write_bytes(folder / f"{output}.npz", data.getvalue())
         return labels
@@ -111,8 +111,8 @@ class StrikeSet:
         """Yield strikes and listeners; random ones depend on the seed and the model's name."""
         chance = np.random.default_rng([self.seed, zlib.crc32(output.encode())])
         if callable(self.strikes):
-            for each in self.strikes(model, chance):
-                strike, listener = each if isinstance(each, tuple) else (each, None)
+            for item in self.strikes(model, chance):
+                strike, listener = item if isinstance(item, tuple) else (item, None)
                 yield strike, _listener_place(model, listener)
         elif isinstance(self.strikes, int | float):
             yield from (_random(model, chance) for _ in range(int(self.strikes)))
@@ -130,7 +130,7 @@ class StrikeSet:
             "striker": strike.striker or "",
             "impulse": blow.impulse,
             "duration": blow.duration,
-            **{name: getattr(strike, name) for name in _SAME},
+            **{name: getattr(strike, name) for name in _SHARED_FIELDS},
             **{f"listener_{x}": v for x, v in zip(_XYZ, listener.tolist(), strict=True)},
             "seconds": self.seconds,
             "sample_rate": self.sample_rate,
@@ -143,7 +143,7 @@ def struck_as(model: ModalModel, label: Mapping[str, Any]) -> Sound:
     strike = Strike(
         at=[label[x] for x in _XYZ if x in label],
         direction=[label[f"direction_{x}"] for x in _XYZ if f"direction_{x}" in label],
-        **{name: label[name] for name in ("impulse", "duration", *_SAME)},
+        **{name: label[name] for name in ("impulse", "duration", *_SHARED_FIELDS)},
     )
     return render(
         model,
@@ -174,20 +174,24 @@ def _random(model: ModalModel, chance: np.random.Generator) -> tuple[Strike, Arr
         speed=float(np.exp(chance.uniform(*np.log(_SPEEDS)))),
         seed=int(chance.integers(2**31)),
     )
-    way = chance.standard_normal(3)
-    return strike, _listener_place(model, None, way / np.linalg.norm(way))
+    direction = chance.standard_normal(3)
+    return strike, _listener_place(model, None, direction / np.linalg.norm(direction))
 
 
 def _listener_place(
-    model: ModalModel, listener: Sequence[float] | None, way: Sequence[float] | Array = (1, 0, 0)
+    model: ModalModel,
+    listener: Sequence[float] | None,
+    direction: Sequence[float] | Array = (1, 0, 0),
 ) -> Array:
     """Return the given listener, or else one 1 m beyond the body from its centre."""
     if listener is not None:
         return np.asarray(listener, np.float64)
     gains = model.gains
     if not isinstance(gains, ShapeGains):
-        return np.asarray(way, np.float64)
-    return np.asarray(gains.centre) + (_NEAR + gains.radius) * np.asarray(way, np.float64)
+        return np.asarray(direction, np.float64)
+    return np.asarray(gains.centre) + (_LISTENER_DISTANCE + gains.radius) * np.asarray(
+        direction, np.float64
+    )
 
 
 @contextmanager
@@ -196,24 +200,24 @@ def row_of(table: str | os.PathLike[str], number: int) -> Iterator[None]:
     try:
         yield
     except StruckError as error:
-        told = re.sub(r"(?<=\w)=(?=['\s])", " ", str(error)).replace("  ", " ")
-        told = re.sub(r": \w+ takes a number( or None)?", ": give one number, as 0.5", told)
-        raise type(error)(f"row {number} of {table}: {told}") from error
+        message = re.sub(r"(?<=\w)=(?=['\s])", " ", str(error)).replace("  ", " ")
+        message = re.sub(r": \w+ takes a number( or None)?", ": give one number, as 0.5", message)
+        raise type(error)(f"row {number} of {table}: {message}") from error
 
 
 def named_strikes(
     rows: Sequence[Mapping[str, Any]], table: str | os.PathLike[str] = "the strikes"
 ) -> list[tuple[str, Strike, Sequence[float] | None]]:
     """Return name, strike and listener of each row of a table; names are made where it has none."""
-    found = []
+    strikes = []
     for number, row in enumerate(rows, start=1):
         with row_of(table, number):
             strike, listener = _strike_of(row)
         place = strike.at if isinstance(strike.at, str) else "strike"
         parts = (f"{number:03d}", place, strike.striker)
-        made = "_".join(str(each).replace(":", "-") for each in parts if each)
-        found.append((str(row.get("name") or made), strike, listener))
-    return found
+        default_name = "_".join(str(part).replace(":", "-") for part in parts if part)
+        strikes.append((str(row.get("name") or default_name), strike, listener))
+    return strikes
 
 
 def _strike_of(row: Mapping[Any, Any]) -> tuple[Strike, Sequence[float] | None]:
@@ -244,7 +248,7 @@ def _number(text: Any) -> Any:  # noqa: ANN401 - a cell of a table
     if not isinstance(text, str):
         return text
     try:
-        numbers = [float(each) for each in text.replace(",", " ").split()]
+        numbers = [float(item) for item in text.replace(",", " ").split()]
     except ValueError:
         return text
     return numbers[0] if len(numbers) == 1 else numbers
@@ -252,5 +256,5 @@ def _number(text: Any) -> Any:  # noqa: ANN401 - a cell of a table
 
 def _saved(sound: Sound, path: Path) -> float:
     """Write a sound, as floats in Pa where it has them or as 24 bit in FLAC; return its factor."""
-    absolute = sound.calibrated and path.suffix == ".wav"
-    return sound.save(path, level="absolute" if absolute else "peak")
+    is_absolute = sound.calibrated and path.suffix == ".wav"
+    return sound.save(path, level="absolute" if is_absolute else "peak")

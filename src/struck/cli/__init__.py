@@ -76,9 +76,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with warnings_in_one_line(options.in_shell_words):
             result = options.run(options, progress)
     except StruckError as error:
-        progress.close()  # before what is said of it
-        told = str(error) if _raised_by_shell(error) else options.in_shell_words(str(error))
-        return _refused(type(error)(told), words)
+        progress.close()  # before the message
+        message = str(error) if _raised_by_shell(error) else options.in_shell_words(str(error))
+        return _refused(type(error)(message), words)
     finally:
         progress.close()
     plain = options.in_shell_words("\n".join(map(printable, result.lines)))
@@ -119,8 +119,8 @@ def _number(kind: type[float], text: str) -> float:
     """Return the number, or the whole number, in the text of an option."""
     with suppress(ValueError):
         return kind(text)
-    wanted = "a whole number" if kind is int else "a number alone, in the unit that --help names"
-    raise argparse.ArgumentTypeError(f"it is {text!r}: give {wanted}")
+    form = "a whole number" if kind is int else "a number alone, in the unit that --help names"
+    raise argparse.ArgumentTypeError(f"it is {text!r}: give {form}")
 
 
 class Once(argparse.Action):
@@ -184,22 +184,22 @@ def _parsed(words: Sequence[str]) -> argparse.Namespace | str:
     )
     parser.add_argument("--version", action="store_true", help="print the version and exit")
     if chosen and chosen not in COMMANDS:
-        meant = _COMMANDS_MEANT.get(chosen.lower())
-        offer = f"did you mean {meant}? " if meant else nearest(chosen, COMMANDS)
+        meaning = _COMMANDS_MEANT.get(chosen.lower())
+        suggestion = f"did you mean {meaning}? " if meaning else nearest(chosen, COMMANDS)
         raise OptionError(
-            f"struck has no command {chosen!r}: {offer}there are {', '.join(COMMANDS)}"
+            f"struck has no command {chosen!r}: {suggestion}there are {', '.join(COMMANDS)}"
         )
     if words and chosen is None and not {"-h", "--help"} & {*words}:
-        offer = nearest(words[0].lstrip("-"), ("help", "version"), "--{}")
-        parser.error(f"struck has no option {words[0]!r}: {offer}give a command")
+        suggestion = nearest(words[0].lstrip("-"), ("help", "version"), "--{}")
+        parser.error(f"struck has no option {words[0]!r}: {suggestion}give a command")
     one = _declared(parser, chosen)
     if not words:
         return parser.format_help()
     options, unknown = parser.parse_known_args(words)
     if unknown and one:
         name = unknown[0].partition("=")[0]
-        offer = _meant(one, str(chosen), name.lstrip("-").lower()) if name[:1] == "-" else ""
-        one.error(f"{one.prog} does not take {unknown[0]!r}: {offer}leave it out")
+        suggestion = _meant(one, str(chosen), name.lstrip("-").lower()) if name[:1] == "-" else ""
+        one.error(f"{one.prog} does not take {unknown[0]!r}: {suggestion}leave it out")
     return options
 
 
@@ -244,13 +244,13 @@ def _meant(parser: argparse.ArgumentParser, command: str, name: str) -> str:
 
     Between the two come other commands that have an option of that very name.
     """
-    known = [each.lstrip("-") for each in parser._option_string_actions]  # noqa: SLF001 - argparse has no public list
-    needed, meant = _OPTIONS_MEANT.get(name, ("", ""))
+    known = [item.lstrip("-") for item in parser._option_string_actions]  # noqa: SLF001 - argparse has no public list
+    needed, meaning = _OPTIONS_MEANT.get(name, ("", ""))
     if needed in known:
-        return f"did you mean {meant}? "
-    offer = nearest(name, known, "--{}", spelling=False)
-    if offer:
-        return offer
+        return f"did you mean {meaning}? "
+    suggestion = nearest(name, known, "--{}", spelling=False)
+    if suggestion:
+        return suggestion
     for other in COMMANDS:
         parser = Parser()
         declare(parser, other)
@@ -262,18 +262,18 @@ def _meant(parser: argparse.ArgumentParser, command: str, name: str) -> str:
 def _declared(parser: Parser, chosen: str | None) -> Parser | None:
     """Declare all commands, and return the parser of the chosen one, which alone is imported."""
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    found = None
-    for name, about in COMMANDS.items():
-        one = commands.add_parser(
+    chosen_parser = None
+    for name, description in COMMANDS.items():
+        command_parser = commands.add_parser(
             name,
-            help=about,
-            description=about,
+            help=description,
+            description=description,
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         if name == chosen:
-            declare(one, name)
-            found = one
-    return found
+            declare(command_parser, name)
+            chosen_parser = command_parser
+    return chosen_parser
 
 
 def declare(parser: argparse.ArgumentParser, name: str) -> None:
@@ -289,8 +289,13 @@ def declare(parser: argparse.ArgumentParser, name: str) -> None:
 # Advice of the library, which speaks Python, in the words of the shell.
 
 _OTHERS = ("analyze", "radiate", "fit")  # whose options are named where a command lacks them
-_CALLED = {"models": "model", "materials": "material", "walls": "wall", "sample_rate": "rate"}
-_CALLED |= {"at": "strike", "out": "output", "path": "output", "threshold_db": "threshold"}
+_OPTION_SYNONYMS = {
+    "models": "model",
+    "materials": "material",
+    "walls": "wall",
+    "sample_rate": "rate",
+}
+_OPTION_SYNONYMS |= {"at": "strike", "out": "output", "path": "output", "threshold_db": "threshold"}
 # The pattern of an argument, with or without a value. It passes over quoted text and over calls, as
 # in what a body is printed as.
 _CALL = r"\w+\((?:[^()]|\([^()]*\))*\)"
@@ -317,30 +322,34 @@ def in_shell_words(parser: argparse.ArgumentParser, text: str) -> str:
     for phrase, words in _PHRASES.items():
         text = re.sub(phrase, words, text)
 
-    def subject(found: re.Match[str]) -> str:
-        action = _action(parser, found[0])
-        return action.option_strings[-1] if action else found[0]
+    def subject(match: re.Match[str]) -> str:
+        action = _action(parser, match[0])
+        return action.option_strings[-1] if action else match[0]
 
     text = re.sub("^[a-z_]+(?= (?:is|are|names) )", subject, text)
 
-    def option(found: re.Match[str]) -> str:
-        if found[1] is None:
-            return found[0]
-        value = next((each for each in found.groups()[1:] if each), "")
+    def option(match: re.Match[str]) -> str:
+        if match[1] is None:
+            return match[0]
+        value = next((group for group in match.groups()[1:] if group), "")
         for name in (None, *_OTHERS):
-            one = parser if name is None else Parser()
+            command_parser = parser if name is None else Parser()
             if name is not None:
-                declare(one, name)
-            action = _action(one, found[1])
+                declare(command_parser, name)
+            action = _action(command_parser, match[1])
             if action is not None:
-                own = f"--{found[1]}"
-                words = [own if own in action.option_strings else action.option_strings[-1]]
+                long_option = f"--{match[1]}"
+                words = [
+                    long_option
+                    if long_option in action.option_strings
+                    else action.option_strings[-1]
+                ]
                 words += [value.replace(" ", "")] if value and action.nargs != 0 else []
                 return " ".join([*words, *([f"of struck {name}"] if name else ())])
-        return f"{found[0]} (in Python)"
+        return f"{match[0]} (in Python)"
 
-    def plain(found: re.Match[str]) -> str:
-        return ",".join(rounded(float(each)) for each in re.split(r"[, ]+", found[1]))
+    def plain(match: re.Match[str]) -> str:
+        return ",".join(rounded(float(number)) for number in re.split(r"[, ]+", match[1]))
 
     text = _ARGUMENT.sub(option, text).replace("(x, y, z)", "x,y,z")
     return re.sub(rf"(?<= )[(\[] *({_NUMBER}(?:[, ]+{_NUMBER})+),? *[)\]]", plain, text)
@@ -348,11 +357,12 @@ def in_shell_words(parser: argparse.ArgumentParser, text: str) -> str:
 
 def _action(parser: argparse.ArgumentParser, name: str) -> argparse.Action | None:
     """Return the option for an argument of Python, if there is one."""
-    options = [each for each in parser._actions if each.option_strings]  # noqa: SLF001 - argparse has no public list
-    alike = {name, _CALLED.get(name, name)}
-    flags = {f"--{each.replace('_', '-')}" for each in alike}
+    options = [item for item in parser._actions if item.option_strings]  # noqa: SLF001 - argparse has no public list
+    option_names = {name, _OPTION_SYNONYMS.get(name, name)}
+    flags = {f"--{item.replace('_', '-')}" for item in option_names}
     return next(
-        (each for each in options if each.dest in alike or flags & {*each.option_strings}), None
+        (item for item in options if item.dest in option_names or flags & {*item.option_strings}),
+        None,
     )
 
 
@@ -385,7 +395,7 @@ def complain(message: str) -> None:
         sys.stderr.write(f"struck: {printable(message)}\n")
 
 
-_TOLD = (CacheWarning, LossWarning, RepairWarning, ScaleWarning)
+_SHOWN_WARNINGS = (CacheWarning, LossWarning, RepairWarning, ScaleWarning)
 
 
 @contextmanager
@@ -401,13 +411,13 @@ def warnings_in_one_line(in_words: Callable[[str], str] = str) -> Iterator[None]
         file: TextIO | None = None,
         line: str | None = None,
     ) -> None:
-        if issubclass(category, _TOLD):
+        if issubclass(category, _SHOWN_WARNINGS):
             complain(in_words(str(message)))
         else:
             shown(message, category, filename, lineno, file, line)
 
     with warnings.catch_warnings():
-        for category in _TOLD:
+        for category in _SHOWN_WARNINGS:
             warnings.simplefilter("always", category)
         warnings.showwarning = tell
         yield

@@ -89,7 +89,7 @@ def add_how(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--fixed",
-        type=numbers(6, form="x0,y0,z0,x1,y1,z1 in m", each=metres),
+        type=numbers(6, form="x0,y0,z0,x1,y1,z1 in m", convert=metres),
         help="clamped region: a box x0,y0,z0,x1,y1,z1, m",
     )
     parser.add_argument(
@@ -142,20 +142,38 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
 
 def _listed() -> Result:
     """Return the list of named bodies with the arguments of each."""
-    every = {kind: arguments_of(maker) for kind, maker in makers().items()}
+    arguments_by_kind = {kind: arguments_of(maker) for kind, maker in makers().items()}
     rows = [("body", "needs", "may be given")]
-    rows += [(kind, ", ".join(needed), ", ".join(more)) for kind, (needed, more) in every.items()]
+    rows += [
+        (kind, ", ".join(needed), ", ".join(more))
+        for kind, (needed, more) in arguments_by_kind.items()
+    ]
     others = f"corners as {CORNERS}; diameter= in place of radius="
     return Result(
         [*aligned(rows), f"as {BODY}; two ends as bar:...,{ENDS}; {others}"],
-        bodies={kind: {"needs": needed, "takes": more} for kind, (needed, more) in every.items()},
+        bodies={
+            kind: {"needs": needed, "takes": more}
+            for kind, (needed, more) in arguments_by_kind.items()
+        },
     )
 
 
 def how(options: argparse.Namespace) -> dict[str, Any]:
     """Return the options of `add_how` as arguments of `struck.analyze`, without the material."""
-    same = ("units", "size", "wall", "holes", "repair", "part", "up", "accuracy", "cache", "band")
-    given = {
-        name: getattr(options, name) for name in (*same, "radiation", "recoil", "method", "damping")
+    option_names = (
+        "units",
+        "size",
+        "wall",
+        "holes",
+        "repair",
+        "part",
+        "up",
+        "accuracy",
+        "cache",
+        "band",
+    )
+    surface_options = {
+        name: getattr(options, name)
+        for name in (*option_names, "radiation", "recoil", "method", "damping")
     }
-    return given | {"fixed": options.fixed and (options.fixed[:3], options.fixed[3:])}
+    return surface_options | {"fixed": options.fixed and (options.fixed[:3], options.fixed[3:])}

@@ -68,35 +68,39 @@ def declare(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck analyze-many`."""
-    named, number = options.material, options.strikes or ""
+    material, number = options.material, options.strikes or ""
     if number and not number.isdecimal() and not is_file(number):
         raise OptionError(
             f"--strikes {number} is neither a number nor a file: give how many of each model, or a "
             "table, as strikes.csv"
         )
-    same = ("table", "processes", "memory", "scheduler")
-    same += ("seed", "seconds", "sounds", "fade", "labels")
+    option_names = ("table", "processes", "memory", "scheduler")
+    option_names += ("seed", "seconds", "sounds", "fade", "labels")
     with orderly_end():
         report = analyze_many(
             options.files,
-            None if named is None else material_of(named),
+            None if material is None else material_of(material),
             out=options.output,
             strikes=int(number) if number.isdecimal() else number or None,
             sample_rate=options.rate,
             modes=options.modes,
             resume=not options.anew,
             progress=progress,
-            **{name: getattr(options, name) for name in same},
+            **{name: getattr(options, name) for name in option_names},
             **how(options),
         )
-    failed = [f"failed: {row.file} {row.part}: {row.message}" for row in report.failed[:20]]
-    if len(report.failed) > len(failed):
-        failed.append(f"and {len(report.failed) - len(failed)} more")
-    told = [f"{Path(row.file).name}: {each}" for row in report.rows for each in row.warnings]
-    failed += told[:20] + [f"and {counted(len(told) - 20, 'more warning')}"] * (len(told) > 20)
+    failure_lines = [f"failed: {row.file} {row.part}: {row.message}" for row in report.failed[:20]]
+    if len(report.failed) > len(failure_lines):
+        failure_lines.append(f"and {len(report.failed) - len(failure_lines)} more")
+    warning_lines = [
+        f"{Path(row.file).name}: {warning}" for row in report.rows for warning in row.warnings
+    ]
+    failure_lines += warning_lines[:20]
+    if len(warning_lines) > 20:
+        failure_lines.append(f"and {counted(len(warning_lines) - 20, 'more warning')}")
     page = report.folder / "report.html"
     result = Result(
-        [*failed, str(report), f"open {page} in a browser to see and hear them"],
+        [*failure_lines, str(report), f"open {page} in a browser to see and hear them"],
         page=str(page),
         computed=report.computed,
         rows=[row.plain() for row in report.rows],

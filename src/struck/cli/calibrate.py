@@ -46,34 +46,34 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     if options.corrected:
         output = model_path(options.corrected, unlike=[options.model, *options.recordings])
     model = struck.load(options.model)
-    known = inferable(model, options.size_error)
-    density = known.density if options.density is None else options.density
-    replace(known, density=density)  # refuses what no solid has
+    material = inferable(model, options.size_error)
+    density = material.density if options.density is None else options.density
+    replace(material, density=density)  # refuses what no solid has
     fitted = _fitted(options.recordings, progress)
-    found = replace(calibrated(fitted, model, size_error=options.size_error), density=density)
-    lines = [*found.summary(), f"--material {_as_argument(found)}"]
-    if not 0.1 < (times := density / known.density) < 10:
+    calibration = replace(calibrated(fitted, model, size_error=options.size_error), density=density)
+    lines = [*calibration.summary(), f"--material {_as_argument(calibration)}"]
+    if not 0.1 < (times := density / material.density) < 10:
         lines.insert(
             0,
             f"caution: {density:g} kg/m3 is {rounded(times, 3)} times the model's density, "
-            f"{known.density:g}: 1 g/cm3 is 1000 kg/m3",
+            f"{material.density:g}: 1 g/cm3 is 1000 kg/m3",
         )
-    written = {}
+    facts = {}
     if output is not None:
         struck.save(corrected(model, fitted), output)
         lines.append(f"wrote {output}")
-        written["corrected"] = str(output)
-    stiffness, ratio = found.standard_errors
+        facts["corrected"] = str(output)
+    stiffness, ratio = calibration.standard_errors
     return Result(
         lines,
-        specific_stiffness=found.specific_stiffness,
+        specific_stiffness=calibration.specific_stiffness,
         specific_stiffness_error=stiffness,
-        poisson_ratio=found.poisson_ratio,
+        poisson_ratio=calibration.poisson_ratio,
         poisson_ratio_error=ratio,
-        damping=found.losses.name,
-        damping_coefficients=dict(found.losses.coefficients),
-        pairs=len(found.pairing),
-        **written,
+        damping=calibration.losses.name,
+        damping_coefficients=dict(calibration.losses.coefficients),
+        pairs=len(calibration.pairing),
+        **facts,
     )
 
 
@@ -83,16 +83,16 @@ def _fitted(recordings: list[str], progress: TerminalProgress) -> struck.ModalMo
     return struck.fit(recordings, modes=None, progress=progress)
 
 
-def _as_argument(found: Calibration) -> str:
+def _as_argument(calibration: Calibration) -> str:
     """Return the material as text for the `--material` option of other commands.
 
-    A law of Rayleigh's stays what it is; another one is told by its median loss tangent.
+    A Rayleigh law is kept; other laws are replaced by their median loss tangent.
     """
-    material = found.material()
-    frequencies = found.model.natural_frequencies[found.pairing.computed]
-    tangent = np.median(found.losses.law.decays(frequencies) / (np.pi * frequencies))
+    material = calibration.material()
+    frequencies = calibration.model.natural_frequencies[calibration.pairing.computed]
+    loss_tangent = np.median(calibration.losses.law.decays(frequencies) / (np.pi * frequencies))
     law = material.damping
-    losses = f"loss_tangent={rounded(tangent, 4)}"
+    losses = f"loss_tangent={rounded(loss_tangent, 4)}"
     if isinstance(law, Rayleigh):
         losses = f"rayleigh_mass={law.mass:.6g},rayleigh_stiffness={law.stiffness:.6g}"
     return (

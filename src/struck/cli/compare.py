@@ -68,26 +68,26 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         output = writable(options.output, unlike=read, endings=PAGES, kind="pages")
     blow = {name: getattr(options, name) for name in ("striker", "speed", "impulse")}
     model = struck.load(options.model)
-    found = compare(
+    comparison = compare(
         model,
         options.other,
         at=options.at,
-        strike=Strike(**blow) if any(each is not None for each in blow.values()) else None,
+        strike=Strike(**blow) if any(value is not None for value in blow.values()) else None,
         against=None if options.against is None else Strike(at=options.against, **blow),
         listener=options.listener,
         progress=progress,
     )
-    lines, facts, written = found.summary(), _facts(found), {}
+    lines, facts, written = comparison.summary(), _facts(comparison), {}
     if is_model(options.other):
         places = {"at": options.at, "against": options.against, "listener": options.listener}
         with suppress(StruckError):  # of recordings, whose levels are relative
-            apart = struck.sonic_distance(model, struck.load(options.other), **places)
-            facts["sonic_distance"] = apart
-            where = "there" if options.at else "where each is struck unless told"
-            lines.append(f"sonic distance {apart:.1f} dB, of an impulse each {where}")
+            distance = struck.sonic_distance(model, struck.load(options.other), **places)
+            facts["sonic_distance"] = distance
+            places_text = "there" if options.at else "where each is struck unless told"
+            lines.append(f"sonic distance {distance:.1f} dB, of an impulse each {places_text}")
     if output is not None:
         progress("writing the page", 0.0)
-        found.save_page(output)
+        comparison.save_page(output)
         lines.append(f"wrote {output}")
         written = {"output": str(output)}
     return Result(lines, **facts, **written)
@@ -101,30 +101,30 @@ def _require_order(model: str, other: str) -> None:
         )
 
 
-def _facts(found: Comparison) -> dict[str, object]:
+def _facts(comparison: Comparison) -> dict[str, object]:
     """Return the result of a comparison for `--json`."""
-    mine, theirs = found.model.partials, found.other.partials
-    one, two = found.pairing.computed, found.pairing.fitted
+    mine, others = comparison.model.partials, comparison.other.partials
+    one, two = comparison.pairing.computed, comparison.pairing.fitted
     columns = {
         "mode": one + 1,
         "frequency": mine.frequencies[one],
-        "other_frequency": theirs.frequencies[two],
-        "cents": found.cents,
+        "other_frequency": others.frequencies[two],
+        "cents": comparison.cents,
         "decay": mine.decays[one],
-        "other_decay": theirs.decays[two],
-        "decay_ratio": found.decay_ratios,
-        "level_difference": found.level_differences,
-        "confidence": found.pairing.confidence,
+        "other_decay": others.decays[two],
+        "decay_ratio": comparison.decay_ratios,
+        "level_difference": comparison.level_differences,
+        "confidence": comparison.pairing.confidence,
     }
     rows = zip(*map(or_null, columns.values()), strict=True)
     return {
         "pairs": [dict(zip(columns, row, strict=True)) for row in rows],
-        "missing": mine.frequencies[found.missing].tolist(),
-        "twins": mine.frequencies[found.twins].tolist(),
-        "extra": theirs.frequencies[found.extra].tolist(),
-        "level_offset": found.level_offset,
-        "explained": found.explained,
-        "by_chance": found.by_chance,
-        "strikes": {side.name: side.struck for side in (found.model, found.other)},
-        "notes": list(found.notes),
+        "missing": mine.frequencies[comparison.missing].tolist(),
+        "twins": mine.frequencies[comparison.twins].tolist(),
+        "extra": others.frequencies[comparison.extra].tolist(),
+        "level_offset": comparison.level_offset,
+        "explained": comparison.explained,
+        "by_chance": comparison.by_chance,
+        "strikes": {side.name: side.struck for side in (comparison.model, comparison.other)},
+        "notes": list(comparison.notes),
     }

@@ -85,7 +85,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         refuse(options, others, f"is of impulse responses: give --convention {other}")
     rate = 48_000 if options.rate is None else options.rate
     progress("writing gains", 0.0)
-    lost = export(
+    lost_count = export(
         model,
         output,
         listeners=listeners,
@@ -93,26 +93,28 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         sample_rate=rate,
         **same(options, "contacts seconds title author licence"),
     )
-    beyond = [f"{counted(lost, 'mode')} at or above {rounded(rate / 2)} Hz left out"] * (lost > 0)
+    lost_note = [f"{counted(lost_count, 'mode')} at or above {rounded(rate / 2)} Hz left out"] * (
+        lost_count > 0
+    )
     return Result(
-        [*beyond, f"wrote {output}"],
+        [*lost_note, f"wrote {output}"],
         output=str(output),
         convention=convention,
-        left_out=lost,
+        left_out=lost_count,
         without=list(left_out(model)),
     )
 
 
 def _require_places(options: argparse.Namespace) -> None:
     """Refuse listeners that are no places, and contacts with commas between."""
-    for each in options.listeners or ():
-        if isinstance(each, str) or len(each) != 3:
-            told = each if isinstance(each, str) else ",".join(map("{:g}".format, each))
-            raise OptionError(f"--listeners {told}: give x,y,z of each, m, as 1,0,0 0,1,0")
-    for each in options.contacts or ():
-        if isinstance(each, str) and "," in each:
+    for item in options.listeners or ():
+        if isinstance(item, str) or len(item) != 3:
+            text = item if isinstance(item, str) else ",".join(map("{:g}".format, item))
+            raise OptionError(f"--listeners {text}: give x,y,z of each, m, as 1,0,0 0,1,0")
+    for item in options.contacts or ():
+        if isinstance(item, str) and "," in item:
             raise OptionError(
-                f"--contacts {each}: part them by blanks, as {each.replace(',', ' ')}"
+                f"--contacts {item}: part them by blanks, as {item.replace(',', ' ')}"
             )
 
 

@@ -95,17 +95,17 @@ def declare(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck fit`."""
-    several = options.recordings
-    for each in filter(is_model, several):
-        raise OptionError(f"{each} is a model, not a recording of one: give sound files")
-    read = files_read(several, options.manifest)
-    output = model_path(options.output or f"{_name(several[0])}.struck", unlike=read)
+    paths = options.recordings
+    for path in filter(is_model, paths):
+        raise OptionError(f"{path} is a model, not a recording of one: give sound files")
+    read = files_read(paths, options.manifest)
+    output = model_path(options.output or f"{_name(paths[0])}.struck", unlike=read)
     report = None
     if options.report:
-        used = [*read, output]
-        report = writable(options.report, unlike=used, endings=PAGES, kind="pages")
+        other_paths = [*read, output]
+        report = writable(options.report, unlike=other_paths, endings=PAGES, kind="pages")
     fitting = fit_recordings(
-        several[0] if len(several) == 1 else several,
+        paths[0] if len(paths) == 1 else paths,
         modes=options.modes,
         room=_room(options.room),
         blow=options.blow and Strike(impulse=options.blow[0], duration=options.blow[1]),
@@ -139,20 +139,21 @@ def _room(text: str | None) -> float | str | None:
 
 
 def _residual_line(fitting: Fitting) -> str:
-    rest = fitting.model.residual
-    short = f"a band of the ear is {fitting.short:.0f} dB short at most"
-    if rest is None:
-        return f"without a residual (attack and noise): {short}"
-    return f"with a residual (attack and noise), {rest.size / 1000:.0f} kB: without it {short}"
+    residual = fitting.model.residual
+    shortfall_note = f"a band of the ear is {fitting.short:.0f} dB short at most"
+    if residual is None:
+        return f"without a residual (attack and noise): {shortfall_note}"
+    size = f"{residual.size / 1000:.0f} kB"
+    return f"with a residual (attack and noise), {size}: without it {shortfall_note}"
 
 
 def _result(fitting: Fitting, written: list[str], *, output: str, report: str | None) -> Result:
     fitted = fitting.fitted
     verdict = fitted.verdict
-    share = float(str(fitting.model.provenance.details["explained_by_one_strike"]))
+    fraction = float(str(fitting.model.provenance.details["explained_by_one_strike"]))
     ratio = (
         f"signal to residual {verdict.signal_to_residual:.1f} dB; one strike of the model explains "
-        f"{rounded(100 * share, 3)} % of its take's energy"
+        f"{rounded(100 * fraction, 3)} % of its take's energy"
     )
     caution = [] if verdict.modal else [f"caution: {verdict.reason}"]
     return described(

@@ -22,7 +22,7 @@ from struck.model.provenance import TerminalProgress
 if TYPE_CHECKING:
     from struck.files import MeshPart
 
-LISTED = 6  # modes, unless asked for more or fewer
+LISTED = 6  # modes, by default
 PARTS = 20  # of a mesh file
 EXAMPLES = ("bell.struck", "bell.struck --all", "kitchen.glb", "plates.stl --units mm")
 
@@ -51,19 +51,21 @@ def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
     kind = recognised(options.file)
     group = "" if kind is None else kind.group
     mesh = group in {"surface", "volume"}
-    others, wanted = (("modes", "all"), "model") if mesh else (("units",), "mesh file")
-    refuse(options, others, f"is for a {wanted}, and {options.file} is none: give one")
+    others, file_kind = (("modes", "all"), "model") if mesh else (("units",), "mesh file")
+    refuse(options, others, f"is for a {file_kind}, and {options.file} is none: give one")
     if mesh:
         return (_parts if group == "surface" else _elements)(options.file, options.units)
     model = struck.load(options.file)
     places = [_Place.of(model, name) for name in (LOUDEST, *sorted(model.places))]
     unit = "dB re 20 uPa at 1 m" if model.calibrated else "dB"
     rows = [("place", ", ".join(model.coordinates) or "-", f"of a strike, {unit}")]
-    rows += [each.row for each in places if options.all or each.name[0] not in "+-"]
-    facts = {"levels": [asdict(each) for each in places]}
-    asked = len(model.decays) if options.modes is None else options.modes  # None for all
-    listed = asked if "modes" in options.given else None
-    return described(model, [], listed=listed, whole=options.all, places=aligned(rows), **facts)
+    rows += [place.row for place in places if options.all or place.name[0] not in "+-"]
+    facts = {"levels": [asdict(place) for place in places]}
+    mode_count = len(model.decays) if options.modes is None else options.modes  # None for all
+    listed_count = mode_count if "modes" in options.given else None
+    return described(
+        model, [], listed=listed_count, whole=options.all, places=aligned(rows), **facts
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,7 +74,7 @@ class _Place:
 
     name: str
     point: list[float]
-    level: float | None  # None where nothing is heard
+    level: float | None  # None for silence
 
     @classmethod
     def of(cls, model: struck.ModalModel, name: str) -> _Place:
@@ -80,8 +82,8 @@ class _Place:
         sound = struck.render(model, struck.Strike(at=name), seconds=0.5, fade=0)
         squares = np.square(sound.samples[0].astype(float))
         window = sound.sample_rate // 8
-        most = np.diff(np.cumsum(squares)[::window], prepend=0.0).max() / window
-        level = 10 * math.log10(most / 20e-6**2) if most else None
+        peak_power = np.diff(np.cumsum(squares)[::window], prepend=0.0).max() / window
+        level = 10 * math.log10(peak_power / 20e-6**2) if peak_power else None
         return cls(name=name, point=model.contact(name).point.tolist(), level=level)
 
     @property
@@ -98,14 +100,14 @@ def _parts(file: str, units: str | None) -> Result:
 
     parts = list_parts(file, units=units)
     rows = [("part", "faces", "size, m", "volume, m^3", "")]
-    several = len(parts) > 1
+    has_several = len(parts) > 1
     for part in parts[:PARTS]:
         size = " x ".join(rounded(edge, 4) for edge in part.size)
         volume = "open" if part.volume is None else rounded(part.volume, 4)
-        taken = "taken" if several and part.taken else ""
+        taken = "taken" if has_several and part.taken else ""
         rows.append((part.name, str(part.faces), size, volume, taken))
     more = [f"... and {len(parts) - PARTS} more"] if len(parts) > PARTS else []
-    notes = [*([_taken(parts)] if several else []), *_unit(units)]
+    notes = [*([_taken(parts)] if has_several else []), *_unit(units)]
     return Result([*aligned(rows), *more, *notes], parts=[asdict(part) for part in parts])
 
 
@@ -167,31 +169,40 @@ def described(
 ) -> Result:
     """Return the contents of a model, with a table of `places`, `last` lines and more `facts`.
 
-    Its first modes for people, for machines all unless some are `listed`; the `whole` on demand.
+    Lines show its first modes, facts all of them or the number `listed`; `whole` shows all in both.
     """
     from struck.report.model_page import summary
 
-    own = np.flatnonzero(model.of_object)
-    told = np.arange(len(model.decays)) if listed is None else own[:listed]
-    shown = own if whole and listed is None else own[: LISTED if listed is None else listed]
-    known = np.full(len(model.decays), np.nan) if model.errors is None else model.errors
-    rows = modes_rows(model.frequencies[shown], model.t60[shown], model.decays[shown], known[shown])
-    left = len(own) - len(shown)
-    more = [f"... and {left} more: struck info MODEL --modes {len(own)}"] if left else []
-    blocks = [*places, *([""] if places else []), *aligned([HEADINGS, *rows]), *more]
+    object_modes = np.flatnonzero(model.of_object)
+    reported_modes = np.arange(len(model.decays)) if listed is None else object_modes[:listed]
+    table_modes = (
+        object_modes
+        if whole and listed is None
+        else object_modes[: LISTED if listed is None else listed]
+    )
+    mode_errors = np.full(len(model.decays), np.nan) if model.errors is None else model.errors
+    rows = modes_rows(
+        model.frequencies[table_modes],
+        model.t60[table_modes],
+        model.decays[table_modes],
+        mode_errors[table_modes],
+    )
+    left = len(object_modes) - len(table_modes)
+    remark = [f"... and {left} more: struck info MODEL --modes {len(object_modes)}"] if left else []
+    blocks = [*places, *([""] if places else []), *aligned([HEADINGS, *rows]), *remark]
     blocks += [] if whole else ["how it was made: struck info MODEL --all"]
-    lines = [each for each in summary(model, whole=whole) if not (places and each[:6] == "places")]
+    lines = [item for item in summary(model, whole=whole) if not (places and item[:6] == "places")]
     return Result(
         [*lines, "", *blocks, *last],
-        frequencies=model.frequencies[told].tolist(),
-        decays=model.decays[told].tolist(),
-        errors=None if model.errors is None else or_null(known[told]),
+        frequencies=model.frequencies[reported_modes].tolist(),
+        decays=model.decays[reported_modes].tolist(),
+        errors=None if model.errors is None else or_null(mode_errors[reported_modes]),
         complete_to=model.complete_to,
         mass=model.mass,
         calibrated=model.calibrated,
         # Axes, levels in Pa s/N at 1 m, corners in Hz and damping ratios.
         recoil=model.recoil
-        and {each.name: getattr(model.recoil, each.name).tolist() for each in fields(model.recoil)},
+        and {item.name: getattr(model.recoil, item.name).tolist() for item in fields(model.recoil)},
         places=sorted(model.places),
         provenance={
             "method": model.provenance.method,

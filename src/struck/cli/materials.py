@@ -20,12 +20,12 @@ def declare(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
     """Run `struck materials`."""
-    known = struck.materials()
-    whole = " ".join(options.names)  # "cast iron" is one name, with quotes and without
-    names = [whole] if whole in known else options.names
+    materials = struck.materials()
+    full_name = " ".join(options.names)  # "cast iron" is one name, with quotes and without
+    names = [full_name] if full_name in materials else options.names
     for name in names:
-        require_choice("material", name, known, MaterialError)
-    listed = {name: known[name] for name in names or known}
+        require_choice("material", name, materials, MaterialError)
+    entries = {name: materials[name] for name in names or materials}
     head = ("material", "kg/m3", "GPa", "Poisson", "tan phi", "heard")
     rows = [
         (
@@ -36,10 +36,10 @@ def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
             rounded(entry["loss_tangent"], 2),
             "yes" if "heard" in entry else "",
         )
-        for name, entry in listed.items()
+        for name, entry in entries.items()
     ]
-    sources = [f"{name}: {listed[name]['source']}" for name in dict.fromkeys(names)]
+    sources = [f"{name}: {entries[name]['source']}" for name in dict.fromkeys(names)]
     return Result(
         [*aligned([head, *rows]), *sources],
-        **{name: dict(entry) for name, entry in listed.items()},
+        **{name: dict(entry) for name, entry in entries.items()},
     )

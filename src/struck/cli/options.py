@@ -49,27 +49,27 @@ MATERIAL = (
 
 
 def numbers(
-    *counts: int, form: str = "", each: Callable[[str], float] = float
+    *counts: int, form: str = "", convert: Callable[[str], float] = float
 ) -> Callable[[str], tuple[float, ...]]:
     """Return a parser of numbers separated by commas, as many as one of some counts."""
-    many = form or f"{' or '.join(map(str, counts))} numbers with commas between"
+    expected_form = form or f"{' or '.join(map(str, counts))} numbers with commas between"
 
     def parse(text: str) -> tuple[float, ...]:
         with suppress(ValueError):
-            values = tuple(map(each, text.split(",")))
+            values = tuple(map(convert, text.split(",")))
             if len(values) in counts:
                 return values
-        raise argparse.ArgumentTypeError(f"it is {text!r}: give {many}")
+        raise argparse.ArgumentTypeError(f"it is {text!r}: give {expected_form}")
 
     return parse
 
 
 def metres(text: str) -> float:
     """Return a length in m of "0.1", "10cm" or "4in"; ValueError of other texts."""
-    found = _LENGTH.fullmatch(text.strip())
-    if found is None or (found[2] or "m") not in UNITS:
+    match = _LENGTH.fullmatch(text.strip())
+    if match is None or (match[2] or "m") not in UNITS:
         raise ValueError(f"{text!r} is no length")
-    return float(found[1]) * UNITS[found[2] or "m"]
+    return float(match[1]) * UNITS[match[2] or "m"]
 
 
 def length(text: str) -> float:
@@ -98,9 +98,9 @@ def pitch(text: str) -> float:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
-POSITION = numbers(3, form="x,y,z in m, or with units, as 50cm", each=metres)
-PITCH = numbers(1, 2, form="one length or two, as 0.3 or 30cm,1m", each=metres)
-BAND = numbers(2, form="low,high in Hz or as notes", each=pitch)
+POSITION = numbers(3, form="x,y,z in m, or with units, as 50cm", convert=metres)
+PITCH = numbers(1, 2, form="one length or two, as 0.3 or 30cm,1m", convert=metres)
+BAND = numbers(2, form="low,high in Hz or as notes", convert=pitch)
 
 
 def same(options: argparse.Namespace, names: str) -> dict[str, Any]:
@@ -110,10 +110,10 @@ def same(options: argparse.Namespace, names: str) -> dict[str, Any]:
 
 def names(text: str) -> list[str]:
     """Return the names in a text with commas between."""
-    several = [name.strip() for name in text.split(",")]
-    if not all(several):
+    names = [name.strip() for name in text.split(",")]
+    if not all(names):
         raise argparse.ArgumentTypeError(f"it is {text!r}: give names with commas between")
-    return several
+    return names
 
 
 def place(text: str) -> str | tuple[float, ...]:
@@ -185,36 +185,45 @@ def maker_named(text: str) -> str | partial[Body]:
     maker = makers().get(kind)
     if maker is None or (not colon and is_file(text)):
         if colon and "=" in rest:
-            offer = nearest(kind, makers())
+            suggestion = nearest(kind, makers())
             raise OptionError(
-                f"no body is called {kind!r}: {offer}there are {', '.join(makers())} (struck "
+                f"no body is called {kind!r}: {suggestion}there are {', '.join(makers())} (struck "
                 "analyze --list), and mesh files"
             )
         return text
-    given = _given(rest, "N" if kind == "string" else "N/m")
-    needed, more = arguments_of(maker)
-    if "radius" in {*needed, *more} and "diameter" in given:
-        given, rest = _with_radius(given, rest)
-    if not set(needed) <= set(given) <= {*needed, *more}:
-        unknown = next((name for name in given if name not in {*needed, *more}), "")
-        offer = nearest(unknown, [*needed, *more], "{}=")
-        if kind == "bar" and unknown in {"radius", "diameter"}:
-            offer = "a round bar is rod:length=...,radius=...; else "
-        offer = f"it has no {unknown}=: {offer}" if unknown else ""
-        wanted = ",".join(f"{name}={_FORMS.get(name, '...')}" for name in needed or more)
-        besides = f" and, if wanted, {', '.join(more)}" if needed and more else ""
-        raise OptionError(
-            f"{text!r} does not say what a {kind} needs: {offer}give {kind}:{wanted}{besides}"
+    values = _parse_arguments(rest, "N" if kind == "string" else "N/m")
+    required_names, optional_names = arguments_of(maker)
+    if "radius" in {*required_names, *optional_names} and "diameter" in values:
+        values, rest = _with_radius(values, rest)
+    if not set(required_names) <= set(values) <= {*required_names, *optional_names}:
+        unknown = next(
+            (name for name in values if name not in {*required_names, *optional_names}), ""
         )
-    for name, value in given.items():
+        suggestion = nearest(unknown, [*required_names, *optional_names], "{}=")
+        if kind == "bar" and unknown in {"radius", "diameter"}:
+            suggestion = "a round bar is rod:length=...,radius=...; else "
+        suggestion = f"it has no {unknown}=: {suggestion}" if unknown else ""
+        arguments = ",".join(
+            f"{name}={_FORMS.get(name, '...')}" for name in required_names or optional_names
+        )
+        optional_text = (
+            f" and, if wanted, {', '.join(optional_names)}"
+            if required_names and optional_names
+            else ""
+        )
+        raise OptionError(
+            f"{text!r} does not describe a {kind}: {suggestion}give "
+            f"{kind}:{arguments}{optional_text}"
+        )
+    for name, value in values.items():
         if isinstance(signature(maker).parameters[name].default, bool) and value in (0, 1):
-            given[name] = bool(value)
-    _require_possible(maker, given, rest)
-    return partial(maker, **given)
+            values[name] = bool(value)
+    _require_possible(maker, values, rest)
+    return partial(maker, **values)
 
 
 def _with_radius(given: dict[str, Any], text: str) -> tuple[dict[str, Any], str]:
-    """Return arguments with half the diameter as radius, and the text that says so."""
+    """Return arguments with half the diameter as radius, and the text with it."""
     if "radius" in given:
         raise OptionError(
             f"radius is {given['radius']} and diameter is {given['diameter']}: give one of the two"
@@ -224,39 +233,39 @@ def _with_radius(given: dict[str, Any], text: str) -> tuple[dict[str, Any], str]
     return {**others, "radius": half}, re.sub(r"(^|,)\s*diameter\b", r"\1radius", text)
 
 
-def _require_possible(maker: Callable[..., Body], given: dict[str, Any], text: str) -> None:
+def _require_possible(maker: Callable[..., Body], values: dict[str, Any], text: str) -> None:
     """Refuse arguments of which no body can be made, as they were typed in a text."""
-    typed = dict(re.findall(r"(?:^|,)(\w+)=(.*?)(?=,\w+=|$)", text))
-    for name in [name for name, text in typed.items() if _ONE_UNIT.fullmatch(text)]:
-        raise OptionError(f"{name} is {typed[name]!r}: give each length its unit, as 30cmx3cmx2cm")
+    texts = dict(re.findall(r"(?:^|,)(\w+)=(.*?)(?=,\w+=|$)", text))
+    for name in [name for name, text in texts.items() if _ONE_UNIT.fullmatch(text)]:
+        raise OptionError(f"{name} is {texts[name]!r}: give each length its unit, as 30cmx3cmx2cm")
     try:
-        maker(**given)
+        maker(**values)
     except ArgumentError as error:
         name = str(error).partition(" is ")[0]  # the rest speaks of Python's types
-        stiff = isinstance(signature(maker).parameters[name].default, bool)
-        wanted = {
+        is_flag = isinstance(signature(maker).parameters[name].default, bool)
+        hint = {
             "size": "three lengths, as size=0.1,0.05,0.03 or size=10cmx5cmx3cm",
             "corners": f"the corners' x and y with 'x' between, as corners={CORNERS}",
             "tension": "a tension in N as 60N, in membranes in N/m as 60N/m, without k or M before",
-        }.get(name, "0 or 1" if stiff else "lengths as 0.5, 50cm, 500mm or 20in")
-        raise OptionError(f"{name} is {typed.get(name)!r}: give {wanted}") from None
+        }.get(name, "0 or 1" if is_flag else "lengths as 0.5, 50cm, 500mm or 20in")
+        raise OptionError(f"{name} is {texts.get(name)!r}: give {hint}") from None
     except OptionError as error:
         if not str(error).startswith("ends are"):
             raise
         raise OptionError(f"{error}, two as {ENDS}") from None
 
 
-def _given(text: str, tension: str) -> dict[str, Any]:
+def _parse_arguments(text: str, tension: str) -> dict[str, Any]:
     """Return arguments by name of "ends=clamped,free,length=50cm", and the unit of a tension."""
-    found: dict[str, list[Any]] = {}
+    values: dict[str, list[Any]] = {}
     name = ""
-    for before, equals, value in (part.rpartition("=") for part in text.split(",") if part):
-        name = before.strip() if equals else name
-        tense = name == "tension"
-        words = value.strip().removesuffix(tension if tense else "")
-        read = _value(words, float if tense else metres)
-        found.setdefault(name, []).append(value.strip() if isinstance(read, str) else read)
-    return {name: each[0] if len(each) == 1 else tuple(each) for name, each in found.items()}
+    for prefix, equals, value in (part.rpartition("=") for part in text.split(",") if part):
+        name = prefix.strip() if equals else name
+        is_tension = name == "tension"
+        words = value.strip().removesuffix(tension if is_tension else "")
+        read = _value(words, float if is_tension else metres)
+        values.setdefault(name, []).append(value.strip() if isinstance(read, str) else read)
+    return {name: parts[0] if len(parts) == 1 else tuple(parts) for name, parts in values.items()}
 
 
 def _value(text: str, number: Callable[[str], float]) -> object:
@@ -279,29 +288,31 @@ def material_of(text: str) -> Material | str:
     """
     if "=" not in text:
         return text
-    given = {name.strip(): value for name, _, value in (p.partition("=") for p in text.split(","))}
-    wanted = ("density", "youngs_modulus", "poisson_ratio")
+    texts = {name.strip(): value for name, _, value in (p.partition("=") for p in text.split(","))}
+    constant_names = ("density", "youngs_modulus", "poisson_ratio")
     law = ("rayleigh_mass", "rayleigh_stiffness")
-    laws, known = set(law) & set(given), (*wanted, "loss_tangent", *law)
-    unknown = next((name for name in given if name not in known), "")
-    missing = [name for name in (*wanted, *(law if laws else ())) if name not in given]
-    if unknown or missing or (laws and "loss_tangent" in given):
+    laws, known_names = set(law) & set(texts), (*constant_names, "loss_tangent", *law)
+    unknown = next((name for name in texts if name not in known_names), "")
+    missing = [name for name in (*constant_names, *(law if laws else ())) if name not in texts]
+    if unknown or missing or (laws and "loss_tangent" in texts):
         two = f"loss_tangent= and {'= and '.join(law)}= are two laws of damping: "
-        why = f"{'= and '.join(missing)}= missing: " if missing else two
-        why = f"it has no {unknown}=: {nearest(unknown, known, '{}=')}" if unknown else why
+        reason = f"{'= and '.join(missing)}= missing: " if missing else two
+        reason = (
+            f"it has no {unknown}=: {nearest(unknown, known_names, '{}=')}" if unknown else reason
+        )
         raise MaterialError(
-            f"{text!r} is no material: {why}give {'=...,'.join(wanted)}=... and, if known, one of "
-            f"loss_tangent=... or {'=...,'.join(law)}=..."
+            f"{text!r} is no material: {reason}give {'=...,'.join(constant_names)}=... and, if "
+            f"known, one of loss_tangent=... or {'=...,'.join(law)}=..."
         )
     values = {}
-    for name, value in given.items():
+    for name, value in texts.items():
         try:
             values[name] = float(value)
         except ValueError:
-            told = f"{name} is {value!r}: give a number in SI units, as 7.2e10"
-            raise MaterialError(told) from None
+            message = f"{name} is {value!r}: give a number in SI units, as 7.2e10"
+            raise MaterialError(message) from None
     rayleigh = Rayleigh(mass=values[law[0]], stiffness=values[law[1]]) if law[0] in values else None
-    constants: dict[str, Any] = {name: values[name] for name in wanted}
+    constants: dict[str, Any] = {name: values[name] for name in constant_names}
     damping_law = rayleigh or InternalFriction(loss_tangent=values.get("loss_tangent", 0.0))
     return Material(**constants, damping=damping_law)
 
@@ -348,15 +359,15 @@ def add_fade(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
 
 def add_cache(parser: argparse.ArgumentParser) -> None:
     """Declare whether finished work is taken up and kept."""
-    told = "do not read or write the cache"
-    parser.add_argument("--no-cache", dest="cache", action="store_false", help=told)
+    text = "do not read or write the cache"
+    parser.add_argument("--no-cache", dest="cache", action="store_false", help=text)
 
 
 def refuse(options: argparse.Namespace, names: Collection[str], why: str) -> None:
-    """Raise OptionError for the first of these options that was given, and say why."""
+    """Raise OptionError for the first of these options that was given, with the reason `why`."""
     for action in options.parser._actions:  # noqa: SLF001 - argparse has no public list
-        if action.dest in names and (told := _as_given(options, action)):
-            raise OptionError(f"{told} {why}{', or' if ':' in why else ':'} leave it out")
+        if action.dest in names and (option := _as_given(options, action)):
+            raise OptionError(f"{option} {why}{', or' if ':' in why else ':'} leave it out")
 
 
 def require_alone(options: argparse.Namespace, name: str) -> None:
@@ -373,7 +384,9 @@ def _as_given(options: argparse.Namespace, action: argparse.Action) -> str:
         return ""
     name = action.option_strings[-1] if action.option_strings else action.dest.upper()
     values = value if isinstance(value, list) else [value]
-    texts = [",".join(map(str, each)) if isinstance(each, tuple) else str(each) for each in values]
+    texts = [
+        ",".join(map(str, value)) if isinstance(value, tuple) else str(value) for value in values
+    ]
     return name if action.nargs == 0 else " ".join([name, *texts])
 
 
@@ -396,7 +409,7 @@ def add_room(parser: argparse.ArgumentParser) -> None:
 def listener(
     options: argparse.Namespace, place: Sequence[float] | None = None
 ) -> Listener | ArrayLike | None:
-    """Return the listener that the options ask for, or with the same ears at another place.
+    """Return the listener that the options describe, or one with the same ears at another place.
 
     Raises
     ------
@@ -444,7 +457,7 @@ def _walk(path: str) -> tuple[Array, Array]:
 
 
 def room(options: argparse.Namespace) -> Room | None:
-    """Return the room that was asked for, if any.
+    """Return the requested room, or None.
 
     Raises
     ------

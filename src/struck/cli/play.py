@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 _SOAK_MODES, _SOAK_STRIKES, _SOAK_SCRAPES = 2000, 200.0, 2
 _LOOK = 0.004  # s between two looks at the keyboard
-_RING = 2.0  # s that the last strike is heard after the end of piped keys
-_SHOWN = 0.2  # s between two looks of a person at the line
+_RING = 2.0  # s that the last strike sounds after the end of piped keys
+_SHOWN = 0.2  # s between two updates of the line
 
 
 EXAMPLES = ("--list-devices",)
@@ -141,7 +141,7 @@ def _played(
 
     robot = Robot(player, models, strikes=options.strikes, scrapes=options.scrapes)
     end = time.monotonic() + (math.inf if options.seconds is None else options.seconds)
-    begun = time.monotonic()
+    start = time.monotonic()
     places = places_by_key(models[0])
     with terminal_keys() as keys, busy_thread(wanted=options.busy):
         _explain(player, places)
@@ -149,7 +149,7 @@ def _played(
             typed = _loop(player, keys, places, robot, end)
         except KeyboardInterrupt:
             typed = 0
-    return robot.strikes + typed, time.monotonic() - begun
+    return robot.strikes + typed, time.monotonic() - start
 
 
 def _loop(player: Player, keys: Keys, places: dict, robot: Robot, end: float) -> int:
@@ -178,10 +178,12 @@ def _loop(player: Player, keys: Keys, places: dict, robot: Robot, end: float) ->
 def _explain(player: Player, places: dict) -> None:
     if not sys.stderr.isatty():
         return
-    named = [f"{key}={place}" for key, place in places.items() if place and ":" not in str(place)]
+    key_places = [
+        f"{key}={place}" for key, place in places.items() if place and ":" not in str(place)
+    ]
     sys.stderr.write(
-        f"latency {1000 * player.latency:.0f} ms; space strikes, {printable(' '.join(named))}, "
-        "letters strike all over, q ends\n"
+        f"latency {1000 * player.latency:.0f} ms; space strikes, "
+        f"{printable(' '.join(key_places))}, letters strike all over, q ends\n"
     )
 
 
@@ -193,8 +195,8 @@ def _show(line: str) -> None:
 
 def _line(player: Player) -> str:
     peak = 20 * math.log10(max(player.peak, 1e-6))
-    load, slipped = player.simulation_load, player.slipped
-    run = f"simulation {load:.0f} %  slipped {slipped:.2f} s  " if load else ""
+    load, delay = player.simulation_load, player.slipped
+    run = f"simulation {load:.0f} %  slipped {delay:.2f} s  " if load else ""
     return (
         f"load {player.load:.0f} %  {run}underflows {player.underflows}  late {player.late}  "
         f"dropped {player.dropped}  peak {peak:.1f} dB"

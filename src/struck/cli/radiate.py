@@ -40,15 +40,15 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     from struck.analysis.analysis import radiating
 
     output = model_path(options.output)
-    more = same(options, "near cache")
+    arguments = same(options, "near cache")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ScaleWarning)  # told below
-        found = radiating(struck.load(options.model), options.band, progress=progress, **more)
-    left = [text for text in found.provenance.dropped if "timbre field" in text]
-    modes = len(found.frequencies)
-    if not found.gains.directional:
-        lowest = f"the lowest lies at {found.frequencies.min():.0f} Hz" if modes else "it has none"
+        warnings.simplefilter("ignore", ScaleWarning)  # reported below
+        model = radiating(struck.load(options.model), options.band, progress=progress, **arguments)
+    left = [text for text in model.provenance.dropped if "timbre field" in text]
+    modes = len(model.frequencies)
+    if not model.gains.directional:
+        lowest = f"the lowest lies at {model.frequencies.min():.0f} Hz" if modes else "it has none"
         raise OptionError(f"{left[-1]}; {lowest}: give another --band, or leave it as it is")
-    struck.save(found, output)
+    struck.save(model, output)
     last = f"wrote {output}: {counted(modes, 'mode')}"
     return Result([last, *left], model=str(output), modes=modes)

@@ -86,14 +86,14 @@ def _recorder(plan: CapturePlan, options: argparse.Namespace) -> Iterator[Record
 
 
 def _require_rehearsal(plan: CapturePlan, folder: Path) -> None:
-    """Refuse to rehearse a plan of recordings from a folder that holds none of them."""
+    """Refuse to rehearse a plan of recordings from a folder without any of its files."""
     names = [point.file(hit) for point in plan.every() for hit in range(1, point.hits + 1)]
     if any(is_file(folder / name) for name in names):
         return
-    more = f" ... ({len(names)} in all)" if len(names) > _NAMED else ""
+    remark = f" ... ({len(names)} in all)" if len(names) > _NAMED else ""
     raise RecordingError(
         f"{folder} has no recording that this plan could be rehearsed with: give a folder of WAV "
-        f"files called {', '.join(names[:_NAMED])}{more}"
+        f"files called {', '.join(names[:_NAMED])}{remark}"
     )
 
 
@@ -103,7 +103,7 @@ class Terminal:
     Parameters
     ----------
     progress : TerminalProgress
-        Whose line gives way.
+        Its line is cleared before questions.
     waits : bool
         Whether the Enter key is waited for.
     """
@@ -139,11 +139,11 @@ class Terminal:
 
 
 def _result(plan: CapturePlan, outcome: Outcome) -> Result:
-    refused = f", {len(outcome.refusals)} refused" if outcome.refusals else ""
-    kept = f" ({outcome.kept} were there)" if outcome.kept else ""
+    refusal_note = f", {len(outcome.refusals)} refused" if outcome.refusals else ""
+    existing_note = f" ({outcome.kept} were there)" if outcome.kept else ""
     return Result(
         [
-            f"recorded {outcome.recorded} of {plan.count} takes{kept}{refused}",
+            f"recorded {outcome.recorded} of {plan.count} takes{existing_note}{refusal_note}",
             f"wrote {outcome.manifest}",
         ],
         manifest=str(outcome.manifest),

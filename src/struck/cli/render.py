@@ -49,7 +49,7 @@ EXAMPLES = (
     "bell.struck --strikes strikes.csv --sounds flac -o bell_sounds",
 )
 _PLACE = "PLACE[@SECONDS]"
-_WAY = "FROM..TO[@SECONDS]"
+_PATH_FORM = "FROM..TO[@SECONDS]"
 _SPEED = 0.1
 _Spot = str | tuple[float, ...]
 # Options that describe an excitation, and the kinds of excitation that use each.
@@ -127,21 +127,22 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     if options.strikes:
         return _set(options, progress)
     refuse(options, ["sounds"], "is for --strikes, which is not given: give it")
-    told = {kind for kind in _KINDS if getattr(options, kind)} or {"strike"}
+    requested_kinds = {kind for kind in _KINDS if getattr(options, kind)} or {"strike"}
     for name, others in _OF.items():
-        if not told & {*others}:
-            kinds = " or ".join(f"--{each}" for each in others)
+        if not requested_kinds & {*others}:
+            kinds = " or ".join(f"--{kind}" for kind in others)
             refuse(options, [name], f"is for {kinds}, which is not given: give it")
     read = filter(None, (options.model, options.walk, options.hrtf))
     output = writable(options.output or Path(options.model).with_suffix(".wav"), unlike=read)
     chosen(output, options.encoding)
-    actions, heard = touches(options), _heard(options)  # what is wrong with them is told first
-    model, lost = _model(options)
+    # Errors in the options are reported before the model is loaded.
+    actions, sound_options = touches(options), _sound_options(options)
+    model, notes_of_model = _model(options)
     progress("computing the sound", 0.0)
-    sound = struck.render(*_placed(model, actions, options), **heard)
+    sound = struck.render(*_placed(model, actions, options), **sound_options)
     factor = sound.save(output, level=options.level or "peak", encoding=options.encoding)
     last = f"wrote {output} ({sound.duration:.2f} s{saved(sound, factor)})"
-    notes = [*lost, *sound.notes]
+    notes = [*notes_of_model, *sound.notes]
     return Result(
         [*notes, last],
         output=str(output),
@@ -177,36 +178,42 @@ def _set(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     refuse(options, _COLUMNS, f"is for one sound: {table} has columns for it, a strike a row")
     refuse(options, {*_OF} | _KINDS, f"is for one sound, and {table} is a table of strikes alone")
     _require_folder(options, table)
-    full = {None: None, "peak": None, "absolute": FULL_SCALE}.get(options.level, options.level)
+    full_scale = {None: None, "peak": None, "absolute": FULL_SCALE}.get(
+        options.level, options.level
+    )
     chosen(f"sound.{options.sounds}", options.encoding)
-    given = table_rows(options.strikes)
-    heard, named = _heard(options), named_strikes(given, options.strikes)
-    require_names([name for name, _, _ in named], "row", f" of {options.strikes}")
-    if all(where is not None for _, _, where in named):
-        why = f"is for rows without a listener, and each row of {table} has one"
-        refuse(options, ("listener", "walk"), why)
-    (model, lost), sounds = _model(options), []
-    for number, (name, strike, where) in enumerate(named):
-        progress("computing the sound", number / len(named))
+    rows_of_table = table_rows(options.strikes)
+    sound_options, strikes = _sound_options(options), named_strikes(rows_of_table, options.strikes)
+    require_names([name for name, _, _ in strikes], "row", f" of {options.strikes}")
+    if all(row_listener is not None for _, _, row_listener in strikes):
+        reason = f"is for rows without a listener, and each row of {table} has one"
+        refuse(options, ("listener", "walk"), reason)
+    (model, notes_of_model), sounds = _model(options), []
+    for number, (name, strike, row_listener) in enumerate(strikes):
+        progress("computing the sound", number / len(strikes))
         with row_of(options.strikes, number + 1):
-            own = heard if where is None else heard | {"listener": listener(options, where)}
-            sounds.append((name, struck.render(*_placed(model, strike, options), **own)))
+            row_options = (
+                sound_options
+                if row_listener is None
+                else sound_options | {"listener": listener(options, row_listener)}
+            )
+            sounds.append((name, struck.render(*_placed(model, strike, options), **row_options)))
     rows = save_set(
         sounds,
         options.output,
-        strikes=[(strike, where) for _, strike, where in named],
-        level=full,
+        strikes=[(strike, row_listener) for _, strike, row_listener in strikes],
+        level=full_scale,
         encoding=options.encoding,
         ending=f".{options.sounds}",
     )
     levels = [row["level_db"] for row in rows if row["level_db"] is not None]
     span = f", peaks from {min(levels):.1f} to {max(levels):.1f} dB of it" if levels else ""
     scale = f"full scale is {rounded(rows[0]['full_scale'], 4)} {rows[0]['unit']}{span}"
-    notes = [*lost, *_grouped(sounds)]
+    notes = [*notes_of_model, *_grouped(sounds)]
     if options.sounds in {"ogg", "mp3"}:
         notes.append(f"{options.sounds} leaves out what is not heard: levels are kept within 1 dB")
-    if idle := [name for name in OF_A_SOUND if name in given[0]]:
-        notes.append(f"not used of {table}: {', '.join(idle)}; options say them anew")
+    if unused_names := [name for name in OF_A_SOUND if name in rows_of_table[0]]:
+        notes.append(f"not used of {table}: {', '.join(unused_names)}; options say them anew")
     last = f"wrote {counted(len(rows), 'sound')} and {TABLE} to {options.output}: {scale}"
     return Result([*notes, last], output=options.output, sounds=rows, notes=notes)
 
@@ -226,7 +233,7 @@ def _grouped(sounds: list[tuple[str, struck.Sound]]) -> list[str]:
 def _require_folder(options: argparse.Namespace, table: str) -> None:
     """Refuse the sounds of a table without a folder, or with an ending of no sound."""
     if f".{options.sounds}".lower() not in ENDINGS:
-        known = ", ".join(each[1:] for each in ENDINGS)
+        known = ", ".join(item[1:] for item in ENDINGS)
         raise OptionError(f"--sounds {options.sounds} is no kind of sounds: give one of {known}")
     if options.output is None:
         raise OptionError(f"{table} makes many sounds: give -o FOLDER")
@@ -239,29 +246,29 @@ def _require_folder(options: argparse.Namespace, table: str) -> None:
 
 def _model(options: argparse.Namespace) -> tuple[struck.ModalModel, tuple[str, ...]]:
     """Return the model within its budget of modes, and notes of the modes left out."""
-    model, lost = with_fewer_modes(struck.load(options.model), options.modes)
+    model, notes_of_model = with_fewer_modes(struck.load(options.model), options.modes)
     if options.rate / 2 <= (lowest := model.frequencies.min(initial=np.inf)) < np.inf:
         raise OptionError(
             f"--rate {options.rate}: all modes lie at or above half of it, the lowest at "
             f"{rounded(lowest, 4)} Hz: give a higher one, as 44100"
         )
-    return model if options.pitch is None else model.charted(pitch=options.pitch), lost
+    return model if options.pitch is None else model.charted(pitch=options.pitch), notes_of_model
 
 
 def _placed(
     model: struck.ModalModel, touched: Action | list[Action], options: argparse.Namespace
 ) -> tuple[Any, ...]:
-    """Return model and touches, or in a room the body that stands in it, for `struck.render`."""
-    around = room(options)
-    if around is None:
+    """Return model and touches, or in a room the body placed in it, for `struck.render`."""
+    room_options = room(options)
+    if room_options is None:
         return model, touched
-    middle = np.array(options.position or np.divide(around.size, 2), np.float64)
-    around.require_inside(middle[None], "body")
+    middle = np.array(options.position or np.divide(room_options.size, 2), np.float64)
+    room_options.require_inside(middle[None], "body")
     origin = tuple((middle - centre_of(model)).tolist())
     return (struck.Body(model=model, excitations=touched, position=origin),)
 
 
-def _heard(options: argparse.Namespace) -> dict[str, Any]:
+def _sound_options(options: argparse.Namespace) -> dict[str, Any]:
     """Return length, rate and listener of a sound, as `struck.render` takes them."""
     return {
         "seconds": options.seconds,
@@ -280,8 +287,8 @@ def add_touches(parser: argparse.ArgumentParser) -> None:
             _PLACE,
             "strike a place: name, vertex:N or x,y,z in m; default: the playing place",
         ),
-        ("--scrape", _WAY, "drag a tip from place to place"),
-        ("--roll", _WAY, "roll a ball from place to place"),
+        ("--scrape", _PATH_FORM, "drag a tip from place to place"),
+        ("--roll", _PATH_FORM, "roll a ball from place to place"),
         ("--pluck", _PLACE, "load a place and let go"),
         ("--hold", _PLACE, "damp a place with a hand"),
     )
@@ -330,25 +337,25 @@ def touches(options: argparse.Namespace) -> list[Action]:
     OptionError
         When seconds are no number, a way has no end, or a touch is impossible.
     """
-    found: list[Action] = [_strike(text, options) for text in options.strike or ()]
-    found += [_scrape(text, options) for text in options.scrape or ()]
-    found += [_roll(text, options) for text in options.roll or ()]
-    found += [_pluck(text, options) for text in options.pluck or ()]
-    if not (found or options.hold):
-        found.append(_strike("", options))
-    return found + [_hold(text, options) for text in options.hold or ()]
+    actions: list[Action] = [_strike(text, options) for text in options.strike or ()]
+    actions += [_scrape(text, options) for text in options.scrape or ()]
+    actions += [_roll(text, options) for text in options.roll or ()]
+    actions += [_pluck(text, options) for text in options.pluck or ()]
+    if not (actions or options.hold):
+        actions.append(_strike("", options))
+    return actions + [_hold(text, options) for text in options.hold or ()]
 
 
 def _strike(text: str, options: argparse.Namespace) -> Strike:
-    where, time = _timed("--strike", text)
+    place_text, time = _timed("--strike", text)
     blow = same(options, "impulse striker speed duration direction")
-    return Strike(at=_place(where), time=time, **blow)
+    return Strike(at=_place(place_text), time=time, **blow)
 
 
 def _scrape(text: str, options: argparse.Namespace) -> Scrape:
-    way, time = _timed("--scrape", text)
+    path_text, time = _timed("--scrape", text)
     return Scrape(
-        path=_way("--scrape", way),
+        path=_parse_path("--scrape", path_text),
         speed=_SPEED if options.speed is None else options.speed,
         load=options.load,
         roughness=options.roughness or "sandpaper",
@@ -358,9 +365,9 @@ def _scrape(text: str, options: argparse.Namespace) -> Scrape:
 
 
 def _roll(text: str, options: argparse.Namespace) -> Roll:
-    way, time = _timed("--roll", text)
+    path_text, time = _timed("--roll", text)
     return Roll(
-        path=_way("--roll", way),
+        path=_parse_path("--roll", path_text),
         speed=_SPEED if options.speed is None else options.speed,
         **same(options, "radius mass"),
         time=time,
@@ -369,13 +376,13 @@ def _roll(text: str, options: argparse.Namespace) -> Roll:
 
 
 def _pluck(text: str, options: argparse.Namespace) -> Pluck:
-    where, time = _timed("--pluck", text)
-    return Pluck(at=_place(where), time=time, force=options.force, direction=options.direction)
+    place_text, time = _timed("--pluck", text)
+    return Pluck(at=_place(place_text), time=time, force=options.force, direction=options.direction)
 
 
 def _hold(text: str, options: argparse.Namespace) -> Hold:
-    where, time = _timed("--hold", text)
-    return Hold(at=_place(where), time=time, grip=options.grip)
+    place_text, time = _timed("--hold", text)
+    return Hold(at=_place(place_text), time=time, grip=options.grip)
 
 
 def _timed(option: str, text: str) -> tuple[str, float]:
@@ -386,11 +393,11 @@ def _timed(option: str, text: str) -> tuple[str, float]:
     raise OptionError(f"{option} {text} ends in {time!r}: give seconds after @, of at least 0")
 
 
-def _way(option: str, text: str) -> tuple[_Spot, ...]:
+def _parse_path(option: str, text: str) -> tuple[_Spot, ...]:
     places = text.split("..")
     if len(places) < 2 or not all(places):
         raise OptionError(f"{option} {text} names no way: give two places or more, as in rim..top")
-    return tuple(place(each) for each in places)
+    return tuple(place(item) for item in places)
 
 
 def _place(text: str) -> _Spot | None:

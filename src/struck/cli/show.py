@@ -116,12 +116,12 @@ def _planned(path: str, pitch: float | None) -> Figure:
     """Draw the contacts and listeners of a capture plan."""
     plan = read_plan(path)
     points = list(plan.every())
-    struck_at = np.array(list(dict.fromkeys(point.contact for point in points)), np.float64)
-    names = plan.coordinates or ("u", "v")[: struck_at.shape[1]]
+    contacts = np.array(list(dict.fromkeys(point.contact for point in points)), np.float64)
+    names = plan.coordinates or ("u", "v")[: contacts.shape[1]]
     centre = np.array(plan.centre) if plan.symmetry == "axial" else None
-    pitches = None if pitch is None else np.full(struck_at.shape[1], pitch)
+    pitches = None if pitch is None else np.full(contacts.shape[1], pitch)
     chart = Chart.of(names, pitch=pitches, geometry=None, round_about=centre)
-    heard = list(dict.fromkeys(place for point in points for place in point.listeners))
-    if not heard:
+    listeners = list(dict.fromkeys(place for point in points for place in point.listeners))
+    if not listeners:
         raise OptionError(f"{path} names no listeners: give some, there is nothing to draw")
-    return grid_picture(chart.places(struck_at), np.array(heard))
+    return grid_picture(chart.places(contacts), np.array(listeners))

@@ -40,7 +40,7 @@ EXAMPLES = (
     ),
 )
 _PATTERN = "PATTERN=VALUE"
-_LOOK = 0.02  # s between two looks at whether it goes on
+_LOOK = 0.02  # s between two checks whether it still plays
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
@@ -114,12 +114,12 @@ def declare(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck simulate`."""
     others = ("log", "output", "rate", "ring", "fade", "stems") if options.play else ("device",)
-    without = "a file: leave out --play" if options.play else "playing: give --play"
-    refuse(options, others, f"is for {without}")
+    hint = "a file: leave out --play" if options.play else "playing: give --play"
+    refuse(options, others, f"is for {hint}")
     require_seconds(options.seconds, options.ring)
     if options.play:
         return _heard_live(options, progress)
-    _heard(options)  # refused before bodies are analyzed
+    _sound_options(options)  # refused before bodies are analyzed
     require_length(options.seconds + options.ring, options.rate)
     output = writable(options.output or Path(options.scene).with_suffix(".wav"))
     chosen(output)
@@ -130,18 +130,18 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     save_contacts(contacts, log)
     progress("computing the sound", 0.0)
     events = events_of(scene, contacts)
-    excited = events.on()
-    _require_models(excited, events, options)
+    excitations = events.on()
+    _require_models(excitations, events, options)
     if options.listener is None and options.walk is None:
-        options.listener = _before(excited)
-    heard = _heard(options)
-    sound = struck.render(excited, **heard)
+        options.listener = _before(excitations)
+    sound_options = _sound_options(options)
+    sound = struck.render(excitations, **sound_options)
     factor = sound.save(output)
     table = events.table()
     others, missing = _write_others(output, scene, events, table, sound, options.seconds, progress)
     files = [output, log, *others]
     if options.stems:
-        files += save_stems(excited, output, factor=factor, **heard)
+        files += save_stems(excitations, output, factor=factor, **sound_options)
     notes = list(dict.fromkeys((*scene.notes, *sound.notes, *missing)))
     last = f"wrote {output} ({sound.duration:.2f} s{saved(sound, factor)})"
     impacts = sum(row["event"] == "impact" for row in table)
@@ -149,11 +149,11 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         f"{counted(len(contacts), 'row')} of contacts, {counted(impacts, 'point')} of blows, "
         f"{counted(len(events.sustained), 'lasting contact')}"
     )
-    lines = [*notes, count, *(f"wrote {each}" for each in files[1:]), last]
+    lines = [*notes, count, *(f"wrote {file}" for file in files[1:]), last]
     return Result(
         lines,
         output=str(output),
-        files=[str(each) for each in files],
+        files=[str(file) for file in files],
         contacts=len(contacts),
         impacts=impacts,
         sustained=len(events.sustained),
@@ -196,8 +196,8 @@ def _chosen(options: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _heard(options: argparse.Namespace) -> dict[str, Any]:
-    """Return how a scene is heard, as options of `struck.render`."""
+def _sound_options(options: argparse.Namespace) -> dict[str, Any]:
+    """Return length, rate, listener and room of a scene, as `struck.render` takes them."""
     return {
         "listener": _ears(options),
         "room": room(options),
@@ -216,12 +216,12 @@ def _ears(options: argparse.Namespace) -> Listener | None:
 
 
 def _before(scene: Scene) -> tuple[float, float, float]:
-    """Return a place 1 m or more in front of a scene's moving bodies and somewhat above them, m."""
+    """Return a place 1 m or more in front of a scene's moving bodies and half as far above, m."""
     places = [body.origin.points for body in scene.bodies.values() if body.moves]
     points = np.concatenate(places or [np.zeros((1, 3))])
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
-    away = max(1.0, 1.5 * float(np.linalg.norm(np.ptp(points, axis=0))))
-    x, y, z = (middle + away * np.array([0.0, -1.0, 0.5])).tolist()
+    distance = max(1.0, 1.5 * float(np.linalg.norm(np.ptp(points, axis=0))))
+    x, y, z = (middle + distance * np.array([0.0, -1.0, 0.5])).tolist()
     return x, y, z
 
 
@@ -289,12 +289,12 @@ def _pairs(option: str, texts: Sequence[str]) -> PairValues | None:
     if not texts:
         return None
     if len(texts) == 1 and "=" not in texts[0]:
-        many = f"{nearest(texts[0], ['materials'])}give materials, pairs as ball,floor*=0.8, or"
-        return texts[0] if texts[0] == "materials" else _number(option, texts[0], many)
-    found: dict[tuple[str, str], float] = {}
+        forms = f"{nearest(texts[0], ['materials'])}give materials, pairs as ball,floor*=0.8, or"
+        return texts[0] if texts[0] == "materials" else _number(option, texts[0], forms)
+    values: dict[tuple[str, str], float] = {}
     for pair, value in _table(option, texts, whole=False).items():
         one, comma, other = pair.partition(",")
         if not comma:
             raise OptionError(f"{option} {pair}={value}: give two patterns, as ball,floor*={value}")
-        found[one, other] = _number(option, value)
-    return found
+        values[one, other] = _number(option, value)
+    return values

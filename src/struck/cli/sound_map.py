@@ -48,33 +48,33 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     picture = options.output or path.with_name(f"{path.stem}_map.png")
     output, parameters = writable(picture, unlike=[path], endings=PICTURES, kind="pictures"), None
     if options.parameters:
-        used, endings = [path, output], (".safetensors",)
-        parameters = writable(options.parameters, unlike=used, endings=endings, kind="maps")
+        other_paths, endings = [path, output], (".safetensors",)
+        parameters = writable(options.parameters, unlike=other_paths, endings=endings, kind="maps")
     model = struck.load(path)
-    heard = {"listener": options.listener, "level": options.level}
-    found = struck.sound_map(model, options.threshold, **heard, progress=progress)
-    save_picture(sound_map_picture(found), output)
-    written = {"output": str(output)}
+    map_options = {"listener": options.listener, "level": options.level}
+    sound_map = struck.sound_map(model, options.threshold, **map_options, progress=progress)
+    save_picture(sound_map_picture(sound_map), output)
+    facts = {"output": str(output)}
     if parameters is not None:
-        found.save(parameters)
-        written["parameters"] = str(parameters)
+        sound_map.save(parameters)
+        facts["parameters"] = str(parameters)
     if options.bank:
         progress("writing their sounds", 0.0)
-        written["bank"] = str(_bank(model, found, options.bank))
-    told = f"{found}".removeprefix("SoundMap(").removesuffix(")")
-    lines = [told, *(f"wrote {name}" for name in written.values())]
+        facts["bank"] = str(_bank(model, sound_map, options.bank))
+    summary = f"{sound_map}".removeprefix("SoundMap(").removesuffix(")")
+    lines = [summary, *(f"wrote {name}" for name in facts.values())]
     return Result(
         lines,
-        contacts=found.contacts.tolist(),
-        bound=found.bound,
-        threshold=found.threshold,
-        **written,
+        contacts=sound_map.contacts.tolist(),
+        bound=sound_map.bound,
+        threshold=sound_map.threshold,
+        **facts,
     )
 
 
-def _bank(model: struck.ModalModel, found: struck.SoundMap, folder: str) -> Path:
+def _bank(model: struck.ModalModel, sound_map: struck.SoundMap, folder: str) -> Path:
     def render(contact: Array, direction: Array) -> struck.Sound:
         strike = struck.Strike(at=contact, direction=direction, impulse=1.0)
-        return struck.render(model, strike, listener=found.listener)
+        return struck.render(model, strike, listener=sound_map.listener)
 
-    return write_bank(found, folder, render)
+    return write_bank(sound_map, folder, render)

@@ -50,10 +50,10 @@ def declare(parser: argparse.ArgumentParser) -> None:
 
 def one_pitch(text: str) -> float:
     """Return a frequency in Hz; a list of several is refused."""
-    if len(several := [each for each in re.split(r"[,;\s]+", text) if each]) > 1:
+    if len(notes := [note for note in re.split(r"[,;\s]+", text) if note]) > 1:
         raise argparse.ArgumentTypeError(
             f"it is {text!r}: one body is tuned at a time, so run struck tune once for each note, "
-            f"as {several[0]}"
+            f"as {notes[0]}"
         )
     return pitch(text)
 
@@ -67,14 +67,14 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
             f"{body} is a {kind}, which has no dimensions to vary: give a body as "
             f"bowl:radius=8cm (struck analyze --list), or analyze {mesh} at another --size"
         )
-    given = same(options, "vary lowest frequency mode accuracy")
-    found = tune(body, material_of(options.material), **given, progress=progress)
-    (before, rang), (value, rings) = found.before, found.after
+    arguments = same(options, "vary lowest frequency mode accuracy")
+    tuning = tune(body, material_of(options.material), **arguments, progress=progress)
+    (old_value, old_frequency), (value, new_frequency) = tuning.before, tuning.after
     return Result(
-        [f"{options.vary} = {value:.7g}", str(found)],
+        [f"{options.vary} = {value:.7g}", str(tuning)],
         **{options.vary: value},
-        before=before,
-        mode=found.mode,
-        frequency=rings,
-        frequency_before=rang,
+        before=old_value,
+        mode=tuning.mode,
+        frequency=new_frequency,
+        frequency_before=old_frequency,
     )

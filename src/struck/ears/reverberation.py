@@ -84,7 +84,7 @@ class Reverberation:
         for name, column, maximum in zip(("Hz", "s"), bands.T, (1e6, _LONGEST), strict=True):
             for value in column:
                 require_number(
-                    f"reverberation in {name}", value, 0, maximum, above=True, wanted=hint
+                    f"reverberation in {name}", value, 0, maximum, above=True, hint=hint
                 )
         require_number("seed", self.seed, 0, 2.0**63)
 

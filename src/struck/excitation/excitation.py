@@ -380,7 +380,7 @@ def require_positive(**numbers: float | None) -> None:
         if value is not None:
             least, most = _BOUNDS.get(name, (0.0, _LARGEST))
             wanted = f"it must be a finite number above {rounded(least)}"
-            require_number(name, value, least, most, above=True, wanted=wanted)
+            require_number(name, value, least, most, above=True, hint=wanted)
 
 
 def require_at_least_zero(**numbers: float | None) -> None:
@@ -393,7 +393,7 @@ def require_at_least_zero(**numbers: float | None) -> None:
 def require_finite(**numbers: float) -> None:
     """Raise an OptionError unless each number is finite."""
     for name, value in numbers.items():
-        require_number(name, value, -_LARGEST, _LARGEST, wanted="it must be a finite number")
+        require_number(name, value, -_LARGEST, _LARGEST, hint="it must be a finite number")
 
 
 def coordinates(name: str, values: object) -> tuple[float, ...]:

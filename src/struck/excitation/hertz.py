@@ -135,5 +135,5 @@ def contact_time(*, mass: float, radius: float, modulus: float, speed: float) ->
     """
     given = {"mass": mass, "radius": radius, "modulus": modulus, "speed": speed}
     for name, value in given.items():
-        require_number(name, value, 1e-30, 1e30, wanted="it must exceed 0, and 1e-30 is the least")
+        require_number(name, value, 1e-30, 1e30, hint="it must exceed 0, and 1e-30 is the least")
     return CONTACT_CONSTANT * (mass**2 / (radius * modulus**2 * speed)) ** 0.2

@@ -23,7 +23,7 @@ from struck.files.messages import FORMATS, PACKINGS, ReadingLimits
 from struck.files.recognition import not_a_surface
 
 CHUNK = 2**14
-# Meshes as text pack ten to one; what packs better than this, and is no small file, is a trap.
+# Meshes as text pack ten to one; a large file that packs better than this is a trap.
 _HIGHEST_RATIO = 200
 _SMALL = 16 * 2**20
 _SEPARATORS = re.compile(r"[/\\]")
@@ -42,7 +42,7 @@ class Source:
 
     kind: str  # one of `FORMATS`, by the file's name
     data: bytes  # unpacked content
-    beside: Callable[[str], bytes]  # name of a file beside it to that file's content
+    beside: Callable[[str], bytes]  # name of a file next to it to that file's content
 
 
 def open_source(path: Path, limits: ReadingLimits) -> Source:
@@ -52,7 +52,9 @@ def open_source(path: Path, limits: ReadingLimits) -> Source:
         kind = kind_of(path.name)
         with open_regular(path, limits) as file:
             data = gathered(pieces_of(file), limits)
-        return Source(kind=kind, data=data, beside=_folder(path.parent, limits, taken=len(data)))
+        return Source(
+            kind=kind, data=data, beside=_folder(path.parent, limits, total_size=len(data))
+        )
     unpack = _zipped if packing == "zip" else _packed
     try:
         with open_regular(path, limits) as file:
@@ -71,7 +73,7 @@ def open_source(path: Path, limits: ReadingLimits) -> Source:
 
 
 def kind_of(name: str) -> str:
-    """Return the mesh format that a file's name promises; MeshError when it is none read here."""
+    """Return the mesh format that a file's name promises; MeshError for formats not read here."""
     kind = Path(name).suffix[1:].lower()
     if kind not in FORMATS:
         raise MeshError(not_a_surface(name))
@@ -132,19 +134,19 @@ def require_beside(name: str) -> None:
         )
 
 
-def _folder(folder: Path, limits: ReadingLimits, *, taken: int) -> Callable[[str], bytes]:
+def _folder(folder: Path, limits: ReadingLimits, *, total_size: int) -> Callable[[str], bytes]:
     """Return a reader of the files next to a mesh file, whose sizes count with it."""
 
     def read(name: str) -> bytes:
-        nonlocal taken
+        nonlocal total_size
         require_beside(name)
         try:
             with open_regular(folder / name, limits) as file:
                 data = gathered(pieces_of(file), limits)
         except MeshError as error:
             raise MeshError(f"{name[:80]!r}, which it names, fails: {error}") from error
-        taken += len(data)
-        require_size(taken, limits)
+        total_size += len(data)
+        require_size(total_size, limits)
         return data
 
     return read
@@ -156,7 +158,7 @@ def _packed(path: Path, file: IO[bytes], limits: ReadingLimits) -> Source:
     data = gathered(_UNPACKED[path.suffix[1:].lower()](file), limits, packed=file.tell)
     if not data:
         raise MeshError("it is empty once unpacked (0 bytes): pack it again")
-    return Source(kind=kind, data=data, beside=_folder(path.parent, limits, taken=len(data)))
+    return Source(kind=kind, data=data, beside=_folder(path.parent, limits, total_size=len(data)))
 
 
 def _streams(
@@ -197,14 +199,16 @@ def _zipped(_: Path, file: IO[bytes], limits: ReadingLimits) -> Source:
         mesh = _only_mesh(members)
         kind = kind_of(mesh.filename)
         folder = mesh.filename.rpartition("/")[0]
-        used = [mesh]
+        needed_members = [mesh]
         if kind == "gltf":
-            used += [each for each in members if each.filename.endswith(".bin")]
-        require_size(sum(member.file_size for member in used), limits)
-        found = {each.filename: _unzipped(archive, file, each, limits) for each in used}
-    if not found[mesh.filename]:
+            needed_members += [item for item in members if item.filename.endswith(".bin")]
+        require_size(sum(member.file_size for member in needed_members), limits)
+        contents = {
+            item.filename: _unzipped(archive, file, item, limits) for item in needed_members
+        }
+    if not contents[mesh.filename]:
         raise MeshError("it is empty once unpacked (0 bytes): pack it again")
-    return Source(kind=kind, data=found[mesh.filename], beside=_among(found, folder))
+    return Source(kind=kind, data=contents[mesh.filename], beside=_among(contents, folder))
 
 
 def _unzipped(

@@ -22,7 +22,7 @@ from typing import IO
 
 from struck.errors import FileFormatError, nearest
 
-# Host, process and chance: whose a hidden file is, so that those of the dead can be told.
+# Host, process and chance: whose a hidden file is, so that those of ended processes are recognised.
 _PART = re.compile(r"\.struck-([0-9a-f]{8})-([1-9][0-9]{0,9})-[0-9a-f]{16}\.part")
 _DAY = 86_400.0
 _BOOT, _NAMESPACE = Path("/proc/sys/kernel/random/boot_id"), Path("/proc/self/ns/pid")
@@ -79,10 +79,10 @@ def unread(path: str | os.PathLike[str], error: Exception) -> str:
     if isinstance(error, FileNotFoundError) and not is_folder(folder):
         return f"is missing, as there is no folder {folder}: check its name"
     if isinstance(error, FileNotFoundError):
-        readable = os.access(folder, os.R_OK)  # a folder may be entered and yet not listed
-        known = [each.name for each in folder.iterdir()] if readable else []
-        offer = nearest(Path(path).name, known)
-        return f"is missing, there is no file of that name: {offer}check its name"
+        is_readable = os.access(folder, os.R_OK)  # a folder may be entered and yet not listed
+        names = [entry.name for entry in folder.iterdir()] if is_readable else []
+        suggestion = nearest(Path(path).name, names)
+        return f"is missing, there is no file of that name: {suggestion}check its name"
     reason = getattr(error, "strerror", None) or error
     return f"cannot be read ({reason}): check its name and the permissions"
 
@@ -108,9 +108,9 @@ def real(path: str | os.PathLike[str]) -> Path:
 def write_bytes(path: str | os.PathLike[str], *blocks: bytes) -> None:
     """Write a file whole: readers see the old content or the new, never a part."""
     # The data goes to a hidden file in the same folder, is flushed to the disk and then renamed;
-    # what a killed process leaves goes with the next file written there. Symbolic links are
-    # followed. A file that is replaced passes on who may read and write it; as with every rename,
-    # the permissions of the folder decide whether it may be replaced.
+    # files left by a killed process are removed with the next one written there. Symbolic links
+    # are followed. A file that is replaced passes on who may read and write it; as with every
+    # rename, the permissions of the folder decide whether it may be replaced.
     require_file_name(path)
     target = real(path)
     if is_folder(target):
@@ -127,7 +127,7 @@ def write_bytes(path: str | os.PathLike[str], *blocks: bytes) -> None:
     except PermissionError as error:
         raise FileFormatError(
             f"{path} cannot be written: {target.parent} allows no new files here; "
-            "give another folder or ask for the permission"
+            "give another folder, or get the permission"
         ) from error
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
@@ -180,9 +180,9 @@ def writable(
         raise FileFormatError(f"there is no folder {target.parent}: make it first")
     for other in unlike:
         if _same(target, Path(other)):
-            same = "" if str(target) == str(other) else f", that is {other},"
+            remark = "" if str(target) == str(other) else f", that is {other},"
             raise FileFormatError(
-                f"{target}{same} is read or written as well, and would be replaced: give another "
+                f"{target}{remark} is read or written as well, and would be replaced: give another "
                 "name"
             )
     if endings:
@@ -200,20 +200,20 @@ def _same(one: Path, other: Path) -> bool:
 
 def sweep(folder: Path) -> int:
     """Remove and count the hidden files of processes that were killed while writing."""
-    # A process of our own computer and namespace is known to be gone; what others write is left
+    # A process of our own computer and namespace is known to be gone; files of others are left
     # until the folder has changed a day after it last did, by the clock of who keeps the folder.
-    swept, here = 0, _host()
+    removed_count, host = 0, _host()
     with suppress(OSError):
         changed = folder.stat().st_mtime
         for part in filter(None, map(_PART.fullmatch, os.listdir(folder))):  # noqa: PTH208 - fast
             path = folder / part[0]
             with suppress(OSError):
-                if (part[1] == here and _is_gone(int(part[2]))) or (
+                if (part[1] == host and _is_gone(int(part[2]))) or (
                     changed - path.stat().st_mtime > _DAY
                 ):
                     path.unlink()
-                    swept += 1
-    return swept
+                    removed_count += 1
+    return removed_count
 
 
 def _replace(target: Path, blocks: Iterable[bytes]) -> None:
@@ -228,28 +228,28 @@ def _replace(target: Path, blocks: Iterable[bytes]) -> None:
 
 def _write_through(path: Path, blocks: Iterable[bytes], target: Path) -> None:
     """Write a new file to the disk, with the permissions of the target that it will replace."""
-    replaced = target.stat() if is_file(target) else None
+    old_status = target.stat() if is_file(target) else None
     # What is to replace a private file is private from its first byte on.
-    usual = 0o666 if replaced is None else 0o600
-    with open(path, "xb", opener=lambda name, flags: os.open(name, flags, usual)) as file:
+    default_mode = 0o666 if old_status is None else 0o600
+    with open(path, "xb", opener=lambda name, flags: os.open(name, flags, default_mode)) as file:
         file.writelines(blocks)
-        if replaced is not None and hasattr(os, "fchown"):  # Windows has other permissions
-            _pass_on_permissions(target, replaced, file.fileno())
+        if old_status is not None and hasattr(os, "fchown"):  # Windows has other permissions
+            _pass_on_permissions(target, old_status, file.fileno())
         file.flush()
         os.fsync(file.fileno())
 
 
-def _pass_on_permissions(target: Path, replaced: os.stat_result, handle: int) -> None:
+def _pass_on_permissions(target: Path, old_status: os.stat_result, handle: int) -> None:
     """Give an open file the owner, group, mode and access list of a file, as far as allowed."""
-    mode = stat.S_IMODE(replaced.st_mode)
+    mode = stat.S_IMODE(old_status.st_mode)
     with suppress(OSError):
-        os.fchown(handle, replaced.st_uid, -1)  # which is for root alone
+        os.fchown(handle, old_status.st_uid, -1)  # which is for root alone
     with suppress(OSError):
-        os.fchown(handle, -1, replaced.st_gid)
+        os.fchown(handle, -1, old_status.st_gid)
     status = os.fstat(handle)
-    if (status.st_uid, status.st_gid) != (replaced.st_uid, replaced.st_gid):
-        mode &= 0o777  # it runs as nobody else
-    if status.st_gid != replaced.st_gid:  # another group may do what all others may
+    if (status.st_uid, status.st_gid) != (old_status.st_uid, old_status.st_gid):
+        mode &= 0o777  # no setuid or setgid bit is passed on
+    if status.st_gid != old_status.st_gid:  # another group may do what all others may
         mode = mode & ~0o070 | (mode & 0o007) << 3
     if hasattr(os, "removexattr"):
         with suppress(OSError):  # which a folder gives to what is made in it
@@ -260,7 +260,7 @@ def _pass_on_permissions(target: Path, replaced: os.stat_result, handle: int) ->
         with suppress(OSError):  # of a file system without attributes
             names = os.listxattr(target)
     for name in names:
-        group_kept = status.st_gid == replaced.st_gid  # a list says what the group may do, too
+        group_kept = status.st_gid == old_status.st_gid  # a list has rights of the group, too
         if name.startswith("user.") or (name == _ACCESS_LIST and group_kept):
             with suppress(OSError):
                 os.setxattr(handle, name, os.getxattr(target, name))
@@ -287,7 +287,7 @@ def _host() -> str:
         try:
             facts += _kept_text(_BOOT) + str(_NAMESPACE.readlink())
         except OSError:
-            facts = secrets.token_hex(8)  # nobody's, so that nobody sweeps what may be written
+            facts = secrets.token_hex(8)  # of no process, so that no file in use is removed
     return f"{zlib.crc32(facts.encode()):08x}"
 
 

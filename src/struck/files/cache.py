@@ -2,8 +2,8 @@
 
 Any number of processes may share the folder. An entry appears whole or not at all, under the name
 of its key; its seal covers the key and the content, so that one that is damaged, cut short,
-foreign or in another's place is never returned. A cache raises nothing of its own: where it
-cannot keep something, it says so once, and the work goes on without it.
+foreign or in another's place is never returned. A cache raises no errors: if it
+cannot keep a result, it warns once, and the work continues without it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from struck.model.arrays import checked
 MOST_BYTES = 2 * 2**30
 VARIABLE = "STRUCK_CACHE"
 OFF = "off"
-_HEAD = b"struck cache" + (1).to_bytes(4, "little")  # what it is, and its version
+_HEAD = b"struck cache" + (1).to_bytes(4, "little")  # kind of file, and its version
 _SEAL = hashlib.sha256().digest_size
 _KEY = re.compile(r"[0-9a-f]{64}")
 
@@ -70,7 +70,7 @@ class Cache:
         self._said: set[str] = set()
 
     def get(self, key: str) -> bytes | None:
-        """Return the content stored under `key`, a SHA-256 in hexadecimal; None if there is none.
+        """Return the content stored under `key`, a SHA-256 in hexadecimal; None without an entry.
 
         A damaged entry is removed, counted in `damaged` and said once as a `CacheWarning`.
         """
@@ -124,15 +124,15 @@ class Cache:
 
     def entries(self) -> list[CacheEntry]:
         """Return all entries, the least recently used first."""
-        found: list[CacheEntry] = []
-        with suppress(OSError), os.scandir(self.folder) as listed:
-            for each in (each for each in listed if _KEY.fullmatch(each.name)):
+        entries: list[CacheEntry] = []
+        with suppress(OSError), os.scandir(self.folder) as directory:
+            for file in (file for file in directory if _KEY.fullmatch(file.name)):
                 with suppress(OSError):
-                    status = each.stat(follow_symlinks=False)
+                    status = file.stat(follow_symlinks=False)
                     if stat.S_ISREG(status.st_mode):
-                        path, size, used = Path(each.path), status.st_size, status.st_mtime_ns
-                        found.append(CacheEntry(path=path, size=size, used=used))
-        return sorted(found, key=lambda entry: entry.used)
+                        path, size, time = Path(file.path), status.st_size, status.st_mtime_ns
+                        entries.append(CacheEntry(path=path, size=size, used=time))
+        return sorted(entries, key=lambda entry: entry.used)
 
     def clear(self) -> int:
         """Remove all entries and leftovers of killed processes; return the number of entries."""
@@ -149,12 +149,12 @@ class Cache:
     def _trim(self, newest: Path) -> None:
         """Remove the least recently used until the rest fits; `newest` stays."""
         entries = self.entries()
-        excess = sum(entry.size for entry in entries) - self.most_bytes
+        excess_size = sum(entry.size for entry in entries) - self.most_bytes
         for entry in entries:
-            if excess <= 0:
+            if excess_size <= 0:
                 return
             if entry.path != newest and _removed(entry.path):
-                excess -= entry.size
+                excess_size -= entry.size
 
 
 def opened(*, choice: bool | str | os.PathLike[str] = True) -> Cache | None:

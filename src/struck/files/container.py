@@ -40,16 +40,18 @@ Text = Mapping[str, Any]
 
 def pack(tensors: Mapping[str, AnyArray], metadata: Mapping[str, str]) -> bytes:
     """Return the bytes of a safetensors file with a SHA-256 among its metadata."""
-    # Widest items first: then every tensor starts at a multiple of its own item's size.
-    ordered = dict(sorted(tensors.items(), key=lambda item: (-item[1].itemsize, item[0])))
-    header = _header(ordered, {**metadata, "sha256": _UNSEALED})
+    # Widest items first: then every tensor starts at a multiple of its item's size.
+    ordered_tensors = dict(sorted(tensors.items(), key=lambda item: (-item[1].itemsize, item[0])))
+    header = _header(ordered_tensors, {**metadata, "sha256": _UNSEALED})
     if len(header) > _LONGEST_HEADER:
         raise FileFormatError(
             f"names, places and provenance take {len(header)} bytes of at most {_LONGEST_HEADER}: "
             "keep large tables elsewhere"
         )
     start = len(header).to_bytes(8, "little")
-    blocks = [array.astype(array.dtype.newbyteorder("<")).tobytes() for array in ordered.values()]
+    blocks = [
+        array.astype(array.dtype.newbyteorder("<")).tobytes() for array in ordered_tensors.values()
+    ]
     digest = _sha256(start, header, *blocks)
     return b"".join([start, header.replace(_UNSEALED.encode(), digest.encode(), 1), *blocks])
 
@@ -163,31 +165,31 @@ def to_plain(value: object, kinds: tuple[type, ...], arrays: Arrays) -> Any:  # 
     if isinstance(value, np.ndarray):
         return {"array": _put(value, arrays)}
     if isinstance(value, tuple | list):
-        return {type(value).__name__: [to_plain(each, kinds, arrays) for each in value]}
+        return {type(value).__name__: [to_plain(item, kinds, arrays) for item in value]}
     if isinstance(value, Mapping) and all(isinstance(name, str) for name in value):
         pairs = value.items()
-        return {"mapping": [[name, to_plain(each, kinds, arrays)] for name, each in pairs]}
+        return {"mapping": [[name, to_plain(item, kinds, arrays)] for name, item in pairs]}
     if type(value) in kinds and is_dataclass(value):
-        given = [field.name for field in fields(value) if field.init]
-        content = {name: to_plain(getattr(value, name), kinds, arrays) for name in given}
+        field_names = [field.name for field in fields(value) if field.init]
+        content = {name: to_plain(getattr(value, name), kinds, arrays) for name in field_names}
         return {type(value).__name__: content}
     raise FileFormatError(f"{type(value).__name__} cannot be kept as bytes")
 
 
 def _put(array: AnyArray, arrays: Arrays) -> list[str]:
     """Add an array as a type that containers hold; return its name and its own type."""
-    own = array.dtype.name
+    dtype = array.dtype.name
     name = f"array{len(arrays)}"
-    index = own == "int64" and (not array.size or 0 <= array.min() <= array.max() <= _LARGEST)
-    if own in _DTYPES:
+    is_index = dtype == "int64" and (not array.size or 0 <= array.min() <= array.max() <= _LARGEST)
+    if dtype in _DTYPES:
         arrays[name] = array
-    elif own == "bool" or index:
+    elif dtype == "bool" or is_index:
         arrays[name] = array.astype(np.uint32)
-    elif own == "complex128":
+    elif dtype == "complex128":
         arrays[name] = _in_pairs(array)
     else:
-        raise FileFormatError(f"an array of {own} cannot be kept as bytes")
-    return [name, own]
+        raise FileFormatError(f"an array of {dtype} cannot be kept as bytes")
+    return [name, dtype]
 
 
 def from_plain(plain: Any, kinds: Mapping[str, type], arrays: Arrays) -> Any:  # noqa: ANN401  JSON
@@ -196,16 +198,16 @@ def from_plain(plain: Any, kinds: Mapping[str, type], arrays: Arrays) -> Any:  #
         return plain
     ((tag, content),) = plain.items()
     if tag == "array":
-        name, own = content
+        name, dtype = content
         array = arrays[name]
-        return from_pairs(array) if own == "complex128" else array.astype(own, copy=False)
+        return from_pairs(array) if dtype == "complex128" else array.astype(dtype, copy=False)
     if tag in {"tuple", "list"}:
-        each = [from_plain(part, kinds, arrays) for part in content]
-        return tuple(each) if tag == "tuple" else each
+        parts = [from_plain(part, kinds, arrays) for part in content]
+        return tuple(parts) if tag == "tuple" else parts
     if tag == "mapping":
         return {name: from_plain(part, kinds, arrays) for name, part in content}
-    made = {name: from_plain(part, kinds, arrays) for name, part in content.items()}
-    return kinds[tag](**made)
+    arguments = {name: from_plain(part, kinds, arrays) for name, part in content.items()}
+    return kinds[tag](**arguments)
 
 
 def _in_pairs(values: Complex) -> Array:
@@ -254,8 +256,8 @@ def kept_tensors(owner: object, layout: Layout) -> Arrays:
         value = attrgetter(tensor.source)(owner) if tensor.source else None
         if value is not None:
             array = np.asarray(value)
-            whole = array.astype(np.uint32) if tensor.dtype == "uint32" else array
-            tensors[name] = _in_pairs(array) if array.dtype.kind == "c" else whole
+            values = array.astype(np.uint32) if tensor.dtype == "uint32" else array
+            tensors[name] = _in_pairs(array) if array.dtype.kind == "c" else values
     return tensors
 
 
@@ -263,24 +265,24 @@ def require_layout(tensors: Tensors, layout: Layout) -> None:
     """Refuse tensors of a layout that are missing, or have other types, shapes or gaps."""
     sizes: dict[str, int] = {}
     names = ", ".join(name for name, tensor in layout.items() if not tensor.optional)
-    for name, wanted in layout.items():
+    for name, spec in layout.items():
         if name in tensors:
-            _require_fit(name, tensors[name], wanted, sizes)
-        elif not wanted.optional:
+            _require_fit(name, tensors[name], spec, sizes)
+        elif not spec.optional:
             raise FileFormatError(f"its tensor {name!r} is missing: write all of {names}")
 
 
-def _require_fit(name: str, array: AnyArray, wanted: Tensor, sizes: dict[str, int]) -> None:
-    fits = array.dtype.name == wanted.dtype and array.ndim == len(wanted.shape)
-    if not fits or any(
+def _require_fit(name: str, array: AnyArray, spec: Tensor, sizes: dict[str, int]) -> None:
+    is_fitting = array.dtype.name == spec.dtype and array.ndim == len(spec.shape)
+    if not is_fitting or any(
         size != (length if isinstance(length, int) else sizes.setdefault(length, size))
-        for length, size in zip(wanted.shape, array.shape, strict=True)
+        for length, size in zip(spec.shape, array.shape, strict=True)
     ):
         raise FileFormatError(
-            f"its tensor {name!r} is {array.dtype.name} {array.shape}, not {wanted.dtype} "
-            f"({', '.join(str(length) for length in wanted.shape)}): make the tensors fit"
+            f"its tensor {name!r} is {array.dtype.name} {array.shape}, not {spec.dtype} "
+            f"({', '.join(str(length) for length in spec.shape)}): make the tensors fit"
         )
-    if not wanted.gaps and not np.isfinite(array).all():
+    if not spec.gaps and not np.isfinite(array).all():
         raise FileFormatError(f"its tensor {name!r} holds numbers that are not finite")
 
 
@@ -311,22 +313,22 @@ def vector(value: object, count: int = 3) -> Array:
 
 def near(places: Array, name: str) -> Array:
     """Return places, m, once none has a coordinate beyond `FARTHEST`."""
-    farthest = float(np.abs(places).max(initial=0.0))
-    if farthest > FARTHEST:
+    extent = float(np.abs(places).max(initial=0.0))
+    if extent > FARTHEST:
         raise FileFormatError(
-            f"its {name} goes up to {rounded(farthest)} m: at most {rounded(FARTHEST)} m fits"
+            f"its {name} goes up to {rounded(extent)} m: at most {rounded(FARTHEST)} m fits"
         )
     return places
 
 
 def number(value: object, name: str, least: float, most: float = np.inf) -> float:
     """Return a finite number between two bounds."""
-    found = float(numbers(value, ()))
-    if not least <= found <= most:
+    number = float(numbers(value, ()))
+    if not least <= number <= most:
         raise FileFormatError(
-            f"its {name} is {rounded(found)}: it must lie from {rounded(least)} to {rounded(most)}"
+            f"its {name} is {rounded(number)}: it must lie from {rounded(least)} to {rounded(most)}"
         )
-    return found
+    return number
 
 
 def flag(value: object, name: str) -> bool:
@@ -338,7 +340,7 @@ def flag(value: object, name: str) -> bool:
 
 def texts(value: object, name: str) -> tuple[str, ...]:
     """Return a JSON list of texts."""
-    if not isinstance(value, list) or not all(isinstance(each, str) for each in value):
+    if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
         raise FileFormatError(f"its {name} are {value!r}: give a list of texts")
     return tuple(value)
 

@@ -33,7 +33,7 @@ from struck.model.timbre_table import SYSTEMS, Grid, GridAxis, SinglePoint, Timb
 from struck.model.waves import AXIAL, SphericalWaves
 
 # Lengths beyond these, m, are no body's: powers of them would leave the numbers there are.
-_LEAST, _MOST = 1 / FARTHEST, FARTHEST
+_MIN_LENGTH, _MAX_LENGTH = 1 / FARTHEST, FARTHEST
 
 
 # Timbre fields
@@ -64,7 +64,7 @@ def _make_field(text: Text, tensors: Tensors, _: Mesh | None) -> TimbreField:
         contact_part=_contact_part(text, tensors),
         listener_part=_listener_part(text, tensors),
         centre=near(vector(text["centre"]), "centre"),
-        radius=number(text["radius"], "radius", 0.0, _MOST),
+        radius=number(text["radius"], "radius", 0.0, _MAX_LENGTH),
         rank_errors=tensors["field_rank_errors"],
         unmeasured=_below(tensors["field_unmeasured"], modes, "field_unmeasured", "modes"),
         notes=texts(text["notes"], "notes"),
@@ -80,11 +80,11 @@ def _contact_part(text: Text, tensors: Tensors) -> ContactPart:
             f"its drives are likenesses over {lengths.tolist()}, not {list(LENGTHS)}: update "
             "struck, or fit the recordings again"
         )
-    wanted = (1,) if text["turned"] is True else (1, 2)
-    if contacts.shape[1] not in wanted or not len(contacts):
+    dimensions = (1,) if text["turned"] is True else (1, 2)
+    if contacts.shape[1] not in dimensions or not len(contacts):
         raise FileFormatError(
             f"its tensor 'field_contacts' is {contacts.shape}: give contacts with "
-            f"{' or '.join(map(str, wanted))} coordinates"
+            f"{' or '.join(map(str, dimensions))} coordinates"
         )
     spans = numbers(text["spans"], (contacts.shape[1],))
     if spans.min() < 0:
@@ -108,13 +108,13 @@ def _listener_part(text: Text, tensors: Tensors) -> ListenerPart:
     return ListenerPart(
         waves=SphericalWaves(
             parts=from_pairs(tensors["field_parts"]),
-            limit=number(text["limit"], "limit", _LEAST, _MOST),
+            limit=number(text["limit"], "limit", _MIN_LENGTH, _MAX_LENGTH),
             levelled=levelled.astype(np.bool_),
         ),
         inside=Inside(
             places=near(tensors["field_inside"], "tensor 'field_inside'"),
             corrections=from_pairs(tensors["field_corrections"]),
-            reach=number(text["reach"], "reach", _LEAST, _MOST),
+            reach=number(text["reach"], "reach", _MIN_LENGTH, _MAX_LENGTH),
         ),
         mirrored=flag(text["mirrored"], "mirrored"),
         turned=flag(text["turned"], "turned"),
@@ -150,28 +150,30 @@ def _make_table(text: Text, tensors: Tensors, _: Mesh | None) -> TimbreTable:
         system=one_of(text["system"], "system", SYSTEMS),
         mirrored=flag(text["mirrored"], "mirrored"),
         centre=near(vector(text["centre"]), "centre"),
-        size=number(text["size"], "size", _LEAST, _MOST),
+        size=number(text["size"], "size", _MIN_LENGTH, _MAX_LENGTH),
         is_calibrated=flag(text["calibrated"], "calibrated"),
         is_deconvolved=flag(text.get("deconvolved", False), "deconvolved"),
     )
 
 
-def _grid(text: Text, tensors: Tensors, side: str, count: int, wanted: tuple[int, ...]) -> Grid:
+def _grid(
+    text: Text, tensors: Tensors, side: str, count: int, axis_counts: tuple[int, ...]
+) -> Grid:
     name = f"field_{side}_sources"
-    axes, sources = tuple(_axis(each) for each in text[f"{side}s"]), tensors[name]
+    axes, sources = tuple(_axis(item) for item in text[f"{side}s"]), tensors[name]
     nodes = math.prod(len(axis.nodes) for axis in axes)
-    if len(axes) not in wanted or len(sources) != nodes:
+    if len(axes) not in axis_counts or len(sources) != nodes:
         raise FileFormatError(
             f"its {side}s have {len(axes)} axes with {nodes} combinations of nodes, and {name!r} "
-            f"has {len(sources)}: give {' or '.join(map(str, wanted))} axes and a source for each "
-            "combination"
+            f"has {len(sources)}: give {' or '.join(map(str, axis_counts))} axes and a source for "
+            "each combination"
         )
     return Grid(axes=axes, sources=_below(sources, count, name, f"{side}s"), count=count)
 
 
 def _axis(text: Mapping[str, Any]) -> GridAxis:
     nodes = numbers(text["nodes"], (len(text["nodes"]),))
-    period = number(text["period"], "period", 0.0, _MOST)
+    period = number(text["period"], "period", 0.0, _MAX_LENGTH)
     room = period or math.inf
     if not len(nodes) or np.any(np.diff(nodes) <= 0) or nodes[-1] - nodes[0] >= room:
         raise FileFormatError(

@@ -85,17 +85,19 @@ def _require_known(header: dict[str, Any]) -> None:
     version = str(header.get("asset", {}).get("version", "2.0"))
     if version[:2] == "1.":
         raise MeshError(f"it is glTF {version}, and 2.0 is read: export it again as that")
-    strange = [name for name in header.get("extensionsRequired", []) if not _HARMLESS.match(name)]
-    if strange:
+    unknown_extensions = [
+        name for name in header.get("extensionsRequired", []) if not _HARMLESS.match(name)
+    ]
+    if unknown_extensions:
         raise MeshError(
-            f"it uses {' and '.join(strange)}, not read here: export it again as plain "
+            f"it uses {' and '.join(unknown_extensions)}, not read here: export it again as plain "
             "triangles without compression"
         )
 
 
 def _buffers(header: dict[str, Any], binary: bytes | None, source: Source) -> list[bytes]:
     """Return the bytes of all buffers of a glTF file, which lie in it or in files next to it."""
-    found = []
+    buffers = []
     for number, buffer in enumerate(header.get("buffers", [])):
         address = buffer.get("uri")
         if address is None and number == 0 and binary is not None:
@@ -106,8 +108,8 @@ def _buffers(header: dict[str, Any], binary: bytes | None, source: Source) -> li
             data = source.beside(unquote(address or ""))
         if len(data) < buffer["byteLength"]:
             raise ValueError(f"buffer {number} states {buffer['byteLength']} bytes: {len(data)}")
-        found.append(data)
-    return found
+        buffers.append(data)
+    return buffers
 
 
 @dataclass(frozen=True, slots=True, kw_only=False, eq=False)
@@ -139,14 +141,14 @@ class _Document:
             if mesh not in surfaces:
                 surfaces[mesh] = self._surface(mesh)
             points, faces = surfaces[mesh]
-            mirrored = np.linalg.det(pose[:3, :3]) < 0
+            is_mirrored = np.linalg.det(pose[:3, :3]) < 0
             name = str(nodes[number].get("name", number))
             name = f"{name} (node {number})" if name in names else name
             names.add(name)
             yield Part(
                 name=name,
                 points=points @ pose[:3, :3].T + pose[:3, 3],
-                faces=faces[:, ::-1] if mirrored else faces,
+                faces=faces[:, ::-1] if is_mirrored else faces,
             )
 
     def _poses(self) -> dict[int, NDArray[np.float64]]:
@@ -169,25 +171,27 @@ class _Document:
 
     def motions(self) -> dict[str, Motion]:
         """Return the motion of each node that has a mesh and moves, by its name."""
-        nodes, rest = self.header.get("nodes", []), self._poses()
-        above = {child: up for up, node in enumerate(nodes) for child in node.get("children", [])}
+        nodes, rest_poses = self.header.get("nodes", []), self._poses()
+        parents = {child: up for up, node in enumerate(nodes) for child in node.get("children", [])}
         courses = self._courses()
-        found: dict[str, Motion] = {}
-        for number in sorted(rest):
+        motions: dict[str, Motion] = {}
+        for number in sorted(rest_poses):
             line = [number]
-            while line[-1] in above:
-                line.append(above[line[-1]])
-            moved = [courses[each] for each in line if each in courses]
-            if "mesh" not in nodes[number] or not moved:
+            while line[-1] in parents:
+                line.append(parents[line[-1]])
+            node_courses = [courses[item] for item in line if item in courses]
+            if "mesh" not in nodes[number] or not node_courses:
                 continue
-            times = np.unique(np.concatenate([c[0] for each in moved for c in each.values()]))
+            times = np.unique(
+                np.concatenate([c[0] for item in node_courses for c in item.values()])
+            )
             poses = np.tile(np.eye(4), (len(times), 1, 1))
-            for each in reversed(line):
-                poses = poses @ _animated(nodes[each], courses.get(each, {}), times)
+            for item in reversed(line):
+                poses = poses @ _animated(nodes[item], courses.get(item, {}), times)
             name = str(nodes[number].get("name", number))
-            name = f"{name} (node {number})" if name in found else name
-            found[name] = _rigid(name, times, poses @ np.linalg.inv(rest[number]))
-        return found
+            name = f"{name} (node {number})" if name in motions else name
+            motions[name] = _rigid(name, times, poses @ np.linalg.inv(rest_poses[number]))
+        return motions
 
     def _courses(self) -> dict[int, dict[str, _Course]]:
         """Return times, values and way of interpolation by node and property."""
@@ -200,14 +204,14 @@ class _Document:
                     continue
                 times = self._numbers(sampler["input"], columns=1)[:, 0]
                 values = self._numbers(sampler["output"], columns=_PROPERTIES[path])
-                way = sampler.get("interpolation", "LINEAR")
-                if way == "CUBICSPLINE":  # value between two tangents
+                interpolation = sampler.get("interpolation", "LINEAR")
+                if interpolation == "CUBICSPLINE":  # value between two tangents
                     values = values[1::3]
                 if len(values) != len(times) or not len(times) or (np.diff(times) <= 0).any():
                     raise ValueError(
                         f"an animation of node {node} has {len(times)} times in disorder"
                     )
-                courses.setdefault(node, {})[path] = times, values, way
+                courses.setdefault(node, {})[path] = times, values, interpolation
         return courses
 
     def _surface(self, mesh: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -262,8 +266,8 @@ class _Document:
 
 _Course = tuple[NDArray[np.float64], NDArray[np.float64], str]
 _PROPERTIES = {"translation": 3, "rotation": 4, "scale": 3}
-_USUAL = {"translation": (0, 0, 0), "rotation": (0, 0, 0, 1), "scale": (1, 1, 1)}
-_STRETCHED = 1e-3  # how far from a rotation what is left of a pose may be
+_DEFAULTS = {"translation": (0, 0, 0), "rotation": (0, 0, 0, 1), "scale": (1, 1, 1)}
+_MAX_STRETCH = 1e-3  # how far from a rotation what is left of a pose may be
 
 
 def _animated(
@@ -275,17 +279,17 @@ def _animated(
     if not courses:
         return np.tile(_local(node), (len(times), 1, 1))
     parts = {}
-    for path, usual in _USUAL.items():
-        moments, values, way = courses.get(
-            path, (np.zeros(1), np.array([node.get(path, usual)], np.float64), "STEP")
+    for path, default in _DEFAULTS.items():
+        moments, values, interpolation = courses.get(
+            path, (np.zeros(1), np.array([node.get(path, default)], np.float64), "STEP")
         )
-        inside = np.clip(times, moments[0], moments[-1])
-        if way == "STEP" or len(moments) == 1:
-            parts[path] = values[np.searchsorted(moments, inside, side="right") - 1]
+        clipped_times = np.clip(times, moments[0], moments[-1])
+        if interpolation == "STEP" or len(moments) == 1:
+            parts[path] = values[np.searchsorted(moments, clipped_times, side="right") - 1]
         elif path == "rotation":
-            parts[path] = Slerp(moments, Rotation.from_quat(values))(inside).as_quat()
+            parts[path] = Slerp(moments, Rotation.from_quat(values))(clipped_times).as_quat()
         else:
-            parts[path] = np.stack([np.interp(inside, moments, v) for v in values.T], axis=1)
+            parts[path] = np.stack([np.interp(clipped_times, moments, v) for v in values.T], axis=1)
     poses = np.tile(np.eye(4), (len(times), 1, 1))
     poses[:, :3, :3] = Rotation.from_quat(parts["rotation"]).as_matrix() * parts["scale"][:, None]
     poses[:, :3, 3] = parts["translation"]
@@ -296,11 +300,11 @@ def _rigid(name: str, times: NDArray[np.float64], poses: NDArray[np.float64]) ->
     """Return poses (T, 4, 4) as a motion; ValueError where the node changes its size."""
     from scipy.spatial.transform import Rotation
 
-    turns = poses[:, :3, :3]
-    apart = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max()
-    if not apart < _STRETCHED:
+    matrices = poses[:, :3, :3]
+    deviation = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max()
+    if not deviation < _MAX_STRETCH:
         raise ValueError(f"{name} changes its size or is sheared while it moves: bodies are rigid")
-    rotations = Rotation.from_matrix(turns).as_quat()[:, [3, 0, 1, 2]]
+    rotations = Rotation.from_matrix(matrices).as_quat()[:, [3, 0, 1, 2]]
     return Motion(times=times, positions=poses[:, :3, 3], rotations=rotations)
 
 
@@ -311,8 +315,8 @@ def _local(node: dict[str, Any]) -> NDArray[np.float64]:
     if "matrix" in node:
         return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
     pose = np.eye(4)
-    turned = Rotation.from_quat(node.get("rotation", (0, 0, 0, 1))).as_matrix()
-    pose[:3, :3] = turned * np.array(node.get("scale", (1, 1, 1)), dtype=np.float64)
+    rotation = Rotation.from_quat(node.get("rotation", (0, 0, 0, 1))).as_matrix()
+    pose[:3, :3] = rotation * np.array(node.get("scale", (1, 1, 1)), dtype=np.float64)
     pose[:3, 3] = node.get("translation", (0, 0, 0))
     return pose
 

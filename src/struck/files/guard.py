@@ -54,7 +54,7 @@ _LONGEST_START = 60.0  # s
 _LONGEST_MESSAGE = 500
 # Squares of lengths, and their sums, must stay within the range of double precision.
 _FARTHEST = 1e150
-# Below this height over its longest side a triangle is a line but for rounding.
+# Below this height over its longest side a triangle is a line, within rounding.
 _THINNEST_FACE = 1e-12
 _AT_ONCE = 2**16
 _NO_WINDOW = getattr(subprocess, "CREATE_NO_WINDOW", 0)
@@ -93,17 +93,17 @@ class Guard:
 
     @property
     def process_id(self) -> int | None:
-        """The reading process's number in the system, None while there is none."""
+        """The reading process's number in the system, None without one."""
         return self._process.pid if self._process else None
 
     def contents(self, path: str | os.PathLike[str]) -> Contents:
         """Read a surface: see `read_contents`."""
-        found = self._asked("surface", path, surface_of)
-        return Contents(kind=found.kind, parts=found.parts, beside=found.beside)
+        surface = self._request("surface", path, surface_of)
+        return Contents(kind=surface.kind, parts=surface.parts, beside=surface.beside)
 
     def blocks(self, path: str | os.PathLike[str]) -> ElementBlocks:
         """Read a volume mesh: see `read_volume`."""
-        return self._asked("volume", path, blocks_of)
+        return self._request("volume", path, blocks_of)
 
     def close(self) -> None:
         """End the reading process; the next file starts another."""
@@ -112,7 +112,7 @@ class Guard:
                 self._ending()
             self._process = self._ending = None
 
-    def _asked(
+    def _request(
         self, task: str, path: str | os.PathLike[str], understood: Callable[[Frame], Answer]
     ) -> Answer:
         """Send one question, and return the checked answer."""
@@ -129,14 +129,14 @@ class Guard:
     def _frame(self, question: dict[str, str]) -> Frame:
         process = self._running()
         questions, answers = _pipes(process)
-        with _deadline(process, self.limits.wall) as passed:
+        with _deadline(process, self.limits.wall) as expiry:
             try:
                 write_frame(questions, question)
                 return read_frame(answers, largest=self.limits.answer)
             except ValueError as error:
                 self._refuse_nonsense(str(error))
             except (EOFError, OSError):
-                self._explain(process, timed_out=passed.is_set())
+                self._explain(process, timed_out=expiry.is_set())
             except BaseException:
                 self.close()  # an answer to this question must not be taken for the next
                 raise
@@ -176,13 +176,13 @@ class Guard:
         return process
 
     def _explain(self, process: subprocess.Popen[bytes], *, timed_out: bool) -> NoReturn:
-        """Raise a MeshError that says why the reading process ended."""
+        """Raise a MeshError with the reason why the reading process ended."""
         if not timed_out:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(1)
         code = process.returncode
         self.close()
-        limit, way = "", "simplify the surface (decimate it), or export it in a binary format"
+        limit, advice = "", "simplify the surface (decimate it), or export it in a binary format"
         if timed_out:
             limit = f"longer than {self.limits.wall:g} s"
         elif code == _WORKED_TOO_LONG:
@@ -193,7 +193,7 @@ class Guard:
             limit = "more memory than the system has left"
         if limit:  # of this machine and hour, not the file's fault
             cause = MemoryError() if code in {OUT_OF_MEMORY, _KILLED} else TimeoutError()
-            raise MeshError(f"reading it took {limit}: {way}") from cause
+            raise MeshError(f"reading it took {limit}: {advice}") from cause
         raise MeshError(
             f"its reader crashed on it (exit code {code}): it is damaged, or made to do harm; "
             "export it again"
@@ -221,17 +221,17 @@ class Guard:
 @contextlib.contextmanager
 def _deadline(process: subprocess.Popen[bytes], seconds: float) -> Iterator[threading.Event]:
     """Kill a process after some seconds, and set the event that it yields."""
-    passed = threading.Event()
+    expiry = threading.Event()
 
     def kill() -> None:
-        passed.set()
+        expiry.set()
         process.kill()
 
     timer = threading.Timer(seconds, kill)
     timer.daemon = True
     timer.start()
     try:
-        yield passed
+        yield expiry
     finally:
         timer.cancel()
 
@@ -313,10 +313,10 @@ class Contents:
 
 
 def _require_sound(part: Part) -> None:
-    wrong = np.count_nonzero(~np.isfinite(part.points).all(axis=1))
-    if wrong:
+    bad_count = np.count_nonzero(~np.isfinite(part.points).all(axis=1))
+    if bad_count:
         raise MeshError(
-            f"{wrong} of {len(part.points)} vertices are not finite: export the mesh again"
+            f"{bad_count} of {len(part.points)} vertices are not finite: export the mesh again"
         )
     if not len(part.faces):
         return
@@ -326,10 +326,10 @@ def _require_sound(part: Part) -> None:
             f"faces name vertices {lowest} to {highest} of {len(part.points)}, counted from 0: it "
             "is truncated or damaged; export it again"
         )
-    farthest = np.abs(part.points).max()
-    if farthest > _FARTHEST:
+    extent = np.abs(part.points).max()
+    if extent > _FARTHEST:
         raise MeshError(
-            f"a vertex is {rounded(farthest, 3)} from the origin, and {rounded(_FARTHEST)} can be "
+            f"a vertex is {rounded(extent, 3)} from the origin, and {rounded(_FARTHEST)} can be "
             "computed with: export it again"
         )
 
@@ -342,8 +342,8 @@ def _lines(parts: list[Part]) -> Iterator[NDArray[np.bool_]]:
             edges = corners - np.roll(corners, 1, axis=1)
             longest = np.abs(edges).max(axis=(1, 2))
             edges /= np.where(longest > 0, longest, 1.0)[:, None, None]
-            doubled = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-            yield doubled <= _THINNEST_FACE
+            doubled_areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+            yield doubled_areas <= _THINNEST_FACE
 
 
 def _forget_all() -> None:

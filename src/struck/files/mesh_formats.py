@@ -1,6 +1,6 @@
 """Mesh files to raw parts: the one place where foreign bytes are interpreted.
 
-`parse` takes a path and returns plain arrays; it runs in a process of its own, see `guard`.
+`parse` takes a path and returns plain arrays; it runs in a separate process, see `guard`.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 _OPTIONS = {"stl": {}, "ply": {"skip_materials": True}}
 _LONGEST_HEADER = 2**16
 _MOST_LETTERS = 10**6
-# What stands in OBJ files beside vertices and faces and has a place in space, by keyword.
+# Elements of OBJ files with a position, other than vertices and faces, by keyword.
 _OBJ_BESIDE = {"p": "point", "l": "line", "curv": "curve", "surf": "curved patch"}
 
 
@@ -50,7 +50,7 @@ def parse(path: Path, limits: ReadingLimits) -> Parsed:
     try:
         # A few bytes can place one surface many times.
         parts, beside = _READERS[source.kind](source, limits)
-        kept = _few((part for part in parts if len(part.faces)), limits)
+        nonempty_parts = _few((part for part in parts if len(part.faces)), limits)
     except (MeshError, MemoryError):
         raise
     except Exception as error:
@@ -58,33 +58,33 @@ def parse(path: Path, limits: ReadingLimits) -> Parsed:
             f"it cannot be read as {source.kind.upper()}{_reason(error)}: it is truncated, "
             "damaged or another format; export it again, as triangles"
         ) from error
-    return Parsed(kind=source.kind, parts=kept, beside=dict(beside))
+    return Parsed(kind=source.kind, parts=nonempty_parts, beside=dict(beside))
 
 
 def _require_content(source: Source) -> None:
     data, kind = source.data, source.kind
     content = kind_by_content(data[:HEAD])
     if content is not None and content.name.lower() != kind:
-        surface = content.group == "surface"
-        way = f"rename it to end in .{content.name.lower()}" if surface else content.way
-        raise MeshError(f"its content is {content.name} and not {kind.upper()}: {way}")
+        is_surface = content.group == "surface"
+        advice = f"rename it to end in .{content.name.lower()}" if is_surface else content.advice
+        raise MeshError(f"its content is {content.name} and not {kind.upper()}: {advice}")
     if kind in {"obj", "off", "gltf"} and b"\0" in data[:100_000]:
         raise MeshError(f"it holds binary data and {kind.upper()} is text: export it again")
 
 
 def _few(parts: Iterable[Part], limits: ReadingLimits) -> list[Part]:
     """Collect parts one by one, as long as they stay within bounds."""
-    few: list[Part] = []
+    selected_parts: list[Part] = []
     vertices = faces = letters = 0
     for part in parts:
-        few.append(part)
+        selected_parts.append(part)
         vertices, faces = vertices + len(part.points), faces + len(part.faces)
         _require_at_most(vertices, limits.vertices, "vertices")
         _require_at_most(faces, limits.faces, "faces")
         letters += len(part.name)
-        _require_at_most(len(few), limits.parts, "parts")
+        _require_at_most(len(selected_parts), limits.parts, "parts")
         _require_at_most(letters, _MOST_LETTERS, "letters in the names of parts")
-    return few
+    return selected_parts
 
 
 def _require_at_most(count: int, most: int, name: str) -> None:
@@ -143,8 +143,8 @@ def _unrolled(strips: dict[str, AnyArray] | AnyArray) -> NDArray[np.int64]:
     else:
         column = strips[next(iter(strips.dtype.names or ()))]["f1"]
     indices = np.asarray(column, dtype=np.int64).ravel()
-    runs = np.split(indices, np.flatnonzero(indices < 0))
-    return np.concatenate([strip_triangles(run[run >= 0]) for run in runs])
+    pieces = np.split(indices, np.flatnonzero(indices < 0))
+    return np.concatenate([strip_triangles(piece[piece >= 0]) for piece in pieces])
 
 
 def _stated(source: Source) -> Counter[str]:
@@ -176,21 +176,21 @@ def _stated_by_ply(data: bytes) -> Counter[str]:
             f"its header cannot be read: it has no end within {_LONGEST_HEADER} bytes; it is "
             "damaged or another format, export it again"
         )
-    found = re.findall(rb"^[ \t]*element[ \t]+(\w+)[ \t]+(\d{1,30})\b", header, re.MULTILINE)
-    return Counter({name.decode(): int(count) for name, count in found})
+    elements = re.findall(rb"^[ \t]*element[ \t]+(\w+)[ \t]+(\d{1,30})\b", header, re.MULTILINE)
+    return Counter({name.decode(): int(count) for name, count in elements})
 
 
 def _reason(error: BaseException, printed: str = "") -> str:
     """Return the message of a reader's error in brackets, or "" for errors of Python itself."""
-    speaks = isinstance(error, ValueError | OSError) or type(error).__module__ != "builtins"
-    said = f"{error} {printed}" if speaks else printed
-    told = " ".join(said.split())[:140]
-    return f" ({told})" if told else ""
+    has_message = isinstance(error, ValueError | OSError) or type(error).__module__ != "builtins"
+    message = f"{error} {printed}" if has_message else printed
+    text = " ".join(message.split())[:140]
+    return f" ({text})" if text else ""
 
 
 # Object File Format text: a vertex or face a line, and faces over several lines.
 #
-# Read here, as trimesh takes each line for a face of its own.
+# Read here, as trimesh takes each line for a separate face.
 
 
 def _parse_off(source: Source, _: ReadingLimits) -> tuple[list[Part], Counter[str]]:
@@ -200,13 +200,13 @@ def _parse_off(source: Source, _: ReadingLimits) -> tuple[list[Part], Counter[st
     if not keyword:
         raise ValueError(f"it begins with {text[:20]!r} and not with OFF, as text in three axes")
     rows = [line.split() for line in text[keyword.end() :].splitlines() if line.strip()]
-    vertices, announced = (int(word) for word in rows[0][:2])
-    _require_possible(max(vertices, announced), source.data)
+    vertices, count = (int(word) for word in rows[0][:2])
+    _require_possible(max(vertices, count), source.data)
     points = np.array([row[:3] for row in rows[1 : vertices + 1]], dtype=np.float64)
-    polygons = _polygons(rows[vertices + 1 :], announced)
-    if len(polygons) < announced:
+    polygons = _polygons(rows[vertices + 1 :], count)
+    if len(polygons) < count:
         raise MeshError(
-            f"it announces {announced} faces and only {len(polygons)} could be read: it is "
+            f"it announces {count} faces and only {len(polygons)} could be read: it is "
             "truncated or damaged; export it again"
         )
     fans = [(each[0], *pair) for each in polygons for pair in pairwise(each[1:])]
@@ -309,13 +309,13 @@ class _Reader:
         labels = np.array([numbers[name] for name in names], dtype=np.int64)
         indices = faces.astype(np.int64)[np.argsort(labels, kind="stable")]
         starts = np.cumsum(np.bincount(labels))[:-1] if names else []
-        together = zip(numbers, np.split(indices, starts), strict=bool(names))
-        return (_part(name, points, each) for name, each in together)
+        groups = zip(numbers, np.split(indices, starts), strict=bool(names))
+        return (_part(name, points, each) for name, each in groups)
 
 
 def _part(name: str, points: NDArray[np.float64], faces: NDArray[np.int64]) -> Part:
-    used, renumbered = np.unique(faces, return_inverse=True)
-    return Part(name=name, points=points[used], faces=renumbered.reshape(-1, 3))
+    vertex_indices, renumbered = np.unique(faces, return_inverse=True)
+    return Part(name=name, points=points[vertex_indices], faces=renumbered.reshape(-1, 3))
 
 
 def read_blocks(path: Path, limits: ReadingLimits) -> ElementBlocks:
@@ -324,19 +324,19 @@ def read_blocks(path: Path, limits: ReadingLimits) -> ElementBlocks:
     with open_regular(path, limits) as file:
         if path.suffix.lower() == ".inp":
             _require_one_node_block(file.read())
-    printed = io.StringIO()
+    output = io.StringIO()
     try:
-        with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
-            found = reader(str(path))
-        nodes = np.asarray(found.points, dtype=np.float64)
+        with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):
+            mesh = reader(str(path))
+        nodes = np.asarray(mesh.points, dtype=np.float64)
         return ElementBlocks(
             nodes=nodes.reshape(len(nodes), -1),
-            cells=[(block.type, _cells(block)) for block in found.cells],
+            cells=[(block.type, _cells(block)) for block in mesh.cells],
         )
     except MemoryError:
         raise
     except (Exception, SystemExit) as error:
-        reason = _reason(error, printed.getvalue())
+        reason = _reason(error, output.getvalue())
         raise MeshError(
             f"it cannot be read as {path.suffix[1:]}{reason}: it is truncated, damaged or "
             "another format; export it again"

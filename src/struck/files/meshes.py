@@ -49,7 +49,7 @@ _ELEMENTS = {
 _NOT_SOLID = ("vertex", "line", "triangle", "quad", "polygon")
 # Cubes of lengths must stay within the range of double precision.
 _SMALLEST, _LARGEST = 1e-60, 1e60
-# Parts that are left out may have set the scale: if it is off by this share, it is set anew.
+# Parts that are left out may have set the scale: if it is off by this fraction, it is set again.
 _NEAR = 0.01
 
 
@@ -93,20 +93,22 @@ def mesh_of(
         Where `units` are not the object's own, or those are no length.
     """
     _require_options(units, size, up)
-    own = getattr(body, "units", None)
+    unit = getattr(body, "units", None)
     points, faces = arrays_of(body) or ((), ())
-    vertices, named = numbers("vertices", points, error=MeshError), _triangles(faces)
+    vertices, triangles = numbers("vertices", points, error=MeshError), _triangles(faces)
     if np.any(np.asarray(faces) % 1):
         raise MeshError(
-            f"vertices have shape {vertices.shape}, and faces {named.shape} with fractions, which "
-            "name no vertex: give (vertices, faces) in this order; these may be swapped"
+            f"vertices have shape {vertices.shape}, and faces {triangles.shape} with fractions, "
+            "which name no vertex: give (vertices, faces) in this order; these may be swapped"
         )
-    mesh = Mesh(points=vertices, faces=named)
-    if str(own).lower() == "none" or size is not None:  # trimesh writes None as "none"
+    mesh = Mesh(points=vertices, faces=triangles)
+    if str(unit).lower() == "none" or size is not None:  # trimesh writes None as "none"
         return _in_metres(mesh, units, size, up or "z")
-    factor = _metres(str(own))
+    factor = _metres(str(unit))
     if units is not None and not np.isclose(factor, UNITS[units], rtol=1e-3):
-        raise OptionError(f"units={units!r}, but the body's own .units are {own!r}: give one alone")
+        raise OptionError(
+            f"units={units!r}, but the body's own .units are {unit!r}: give one alone"
+        )
     return Mesh(points=mesh.points * factor, faces=mesh.faces, up=up or "z")
 
 
@@ -131,32 +133,32 @@ def _triangles(faces: ArrayLike) -> Index:
     row = indices("faces", numbers("faces", faces, error=MeshError))
     if row.ndim != 1:
         return row
-    found, place = [], 0
-    while place < len(row):
-        corners = row[place + 1 : place + 1 + row[place]]
-        if not 3 <= len(corners) == row[place]:
+    triangles, position = [], 0
+    while position < len(row):
+        corners = row[position + 1 : position + 1 + row[position]]
+        if not 3 <= len(corners) == row[position]:
             raise MeshError(
-                f"faces are a row of {len(row)} numbers, and {row[place]} at {place} is no count "
-                "of the corners that follow: give triangles (F, 3)"
+                f"faces are a row of {len(row)} numbers, and {row[position]} at {position} is no "
+                "count of the corners that follow: give triangles (F, 3)"
             )
-        found += [(corners[0], *corners[n : n + 2]) for n in range(1, len(corners) - 1)]
-        place += 1 + len(corners)
-    return np.array(found, np.int64).reshape(-1, 3)
+        triangles += [(corners[0], *corners[n : n + 2]) for n in range(1, len(corners) - 1)]
+        position += 1 + len(corners)
+    return np.array(triangles, np.int64).reshape(-1, 3)
 
 
 def units_of(body: object, units: str | None, size: float | None) -> str:
     """Return in words how the numbers of a file or of another library's object became metres."""
     if size is not None:
         return f"scaled to a size of {size:g} m"
-    own = getattr(body, "units", None)
-    return units or (f"{own}, its own" if own else "m, as none were given")
+    unit = getattr(body, "units", None)
+    return units or (f"{unit}, its own" if unit else "m, as none were given")
 
 
 def up_of(axis: str, given: str | None, *, of_file: bool) -> str:
     """Return in words which axis of a file or of another library's object was taken as up."""
-    usual = ", ".join(kind.upper() for kind, own in _UP.items() if own == axis)
-    why = f"as usual in {usual} files" if of_file else "as none was given"
-    return f"{axis}, {'as given' if given else why}"
+    formats = ", ".join(kind.upper() for kind, default_axis in _UP.items() if default_axis == axis)
+    reason = f"as usual in {formats} files" if of_file else "as none was given"
+    return f"{axis}, {'as given' if given else reason}"
 
 
 def _metres(unit: str) -> float:
@@ -181,7 +183,7 @@ def load_surface(
     part: str | None = None,
     up: str | None = None,
 ) -> Mesh:
-    """Load a surface as it stands in a mesh file, closed or not.
+    """Load a surface as stored in a mesh file, closed or not.
 
     Vertices at the very same place become one (formats repeat them along seams, STL for each
     face), vertices without faces go, and polygons are cut into triangles. Faces without area are
@@ -242,15 +244,15 @@ def load_body(
     wall : float, optional
         Thickness that a single-sided sheet shall have, m.
     holes : str, optional
-        Of a surface that is given a wall: "keep" leaves its openings open, "fill" closes them but
-        for an open sheet's own rim. Left out, round and straight-edged ones stay open, as a sound
-        hole does, and ragged ones of a closed surface are filled.
+        Of a surface that is given a wall: "keep" leaves its openings open, "fill" closes them
+        except for the rim of an open sheet. Left out, round and straight-edged ones stay open, as
+        a sound hole does, and ragged ones of a closed surface are filled.
 
     Returns
     -------
     Repair
         The closed surface with normals outward, or the sheet, in m, with what was found and
-        changed. Of several bodies it is the largest, unless `part` chooses.
+        changed; the largest of several bodies, unless `part` chooses.
 
     Raises
     ------
@@ -261,17 +263,17 @@ def load_body(
         When the file cannot be read, or no body can be made of its content.
     """
     require_holes(holes, wall)
-    surface, beside = _read_surface(Path(path), units, size, part, up)
+    surface, extras = _read_surface(Path(path), units, size, part, up)
     with _named(Path(path)):
         result = repaired(surface, wall=wall, holes=holes)
         if size is not None and abs(result.mesh.extent / size - 1) > _NEAR:
             # What was left out had set the scale.
             result = repaired(surface.scaled(size / result.mesh.extent), wall=wall, holes=holes)
-    others = ", ".join(counted(count, kind) for kind, count in beside.items() if count)
+    others = ", ".join(counted(count, kind) for kind, count in extras.items() if count)
     if others:
-        found = (f"The file holds {others} beside its faces.", *result.found)
-        changed = (f"Left out: {others}, as faces alone bound a body.", *result.changed)
-        result = replace(result, found=found, changed=changed)
+        findings = (f"The file holds {others} beside its faces.", *result.found)
+        changes = (f"Left out: {others}, as faces alone bound a body.", *result.changed)
+        result = replace(result, found=findings, changed=changes)
     return result if size is None else result.scaled(size / result.mesh.extent)
 
 
@@ -326,14 +328,14 @@ def list_parts(path: str | os.PathLike[str], *, units: str | None = None) -> tup
     _require_options(units, None, None)
     metre = UNITS[units or "m"]
     with _named(path):
-        choices, taken = _choices(read_contents(path).parts)
+        choices, is_taken = _choices(read_contents(path).parts)
     return tuple(
         MeshPart(
             name=name,
             faces=len(body.faces),
             size=tuple((np.ptp(body.bounds, axis=0) * metre).tolist()),
             volume=abs(body.volume) * metre**3 if is_closed(body) else None,
-            taken=None if taken is None else taken(body),
+            taken=None if is_taken is None else is_taken(body),
         )
         for name, body in choices.items()
     )
@@ -342,20 +344,20 @@ def list_parts(path: str | os.PathLike[str], *, units: str | None = None) -> tup
 def body_names(path: str | os.PathLike[str]) -> list[str]:
     """Return the names of the bodies of a surface mesh file for `part=`; none if it holds one.
 
-    Pieces of an open surface, those that cross each other and crumbs are no bodies of their own.
+    Pieces of an open surface, those that cross each other and crumbs are not separate bodies.
     """
     with _named(Path(path)):
         parts = read_contents(path).parts
         surfaces = _surfaces(parts)
-        whole = _whole(parts, surfaces)
-        if not is_closed(whole):
+        surface = _whole(parts, surfaces)
+        if not is_closed(surface):
             return []
-        found, names = _bodies(parts, surfaces, whole)
-        volumes = np.array([abs(body.volume) for body in found])
-        large = np.flatnonzero(volumes > DEBRIS * volumes.max())
-        if len(large) < 2 or len(crossings(whole)):
+        bodies, names = _bodies(parts, surfaces, surface)
+        volumes = np.array([abs(body.volume) for body in bodies])
+        large_bodies = np.flatnonzero(volumes > DEBRIS * volumes.max())
+        if len(large_bodies) < 2 or len(crossings(surface)):
             return []
-    return [names[each] if names else str(each) for each in large]
+    return [names[index] if names else str(index) for index in large_bodies]
 
 
 @checked
@@ -423,12 +425,12 @@ def _require_options(units: str | None, size: float | None, up: str | None) -> N
 def _one_body(parts: list[Part], part: str | None) -> Mesh:
     """Choose the body that `part` names, or the only one there is."""
     surfaces = _surfaces(parts)
-    whole = _whole(parts, surfaces)
-    found, names = _bodies(parts, surfaces, whole) if is_closed(whole) else ([whole], [])
-    if part is None and len(found) > 1:
-        offer = _listed(names or [str(number) for number in range(len(found))])
-        raise MeshError(f"it holds {len(found)} bodies: choose one with part=, of {offer}")
-    return found[0] if part is None else _chosen(part, parts, surfaces, found, names)
+    surface = _whole(parts, surfaces)
+    bodies, names = _bodies(parts, surfaces, surface) if is_closed(surface) else ([surface], [])
+    if part is None and len(bodies) > 1:
+        choices = _listed(names or [str(number) for number in range(len(bodies))])
+        raise MeshError(f"it holds {len(bodies)} bodies: choose one with part=, of {choices}")
+    return bodies[0] if part is None else _chosen(part, parts, surfaces, bodies, names)
 
 
 def _any_surface(parts: list[Part], part: str | None) -> Mesh:
@@ -443,17 +445,17 @@ def _any_surface(parts: list[Part], part: str | None) -> Mesh:
 def _choices(parts: list[Part]) -> tuple[dict[str, Mesh], Callable[[Mesh], bool] | None]:
     """Return the choices of `part`, and which of them are taken where none is chosen.
 
-    Choices are bodies by the names of their parts or by number, and parts. Of an open surface it is
-    not known what is taken.
+    Choices are bodies by the names of their parts or by number, and parts. For an open surface it
+    is unknown which are taken.
     """
     surfaces = _surfaces(parts)
-    whole = _closed(_whole(parts, surfaces))
-    found, names = _bodies(parts, surfaces, whole)
-    taken = _taken(whole) if is_closed(whole) else None
+    surface = _closed(_whole(parts, surfaces))
+    bodies, names = _bodies(parts, surfaces, surface)
+    is_taken = _taken(surface) if is_closed(surface) else None
     if names:
-        return dict(zip(names, found, strict=True)), taken
-    several = dict(zip((each.name for each in parts), surfaces, strict=True))
-    return _numbered(found) | (several if len(parts) > 1 else {}), taken
+        return dict(zip(names, bodies, strict=True)), is_taken
+    surfaces_by_name = dict(zip((part.name for part in parts), surfaces, strict=True))
+    return _numbered(bodies) | (surfaces_by_name if len(parts) > 1 else {}), is_taken
 
 
 def _taken(whole: Mesh) -> Callable[[Mesh], bool]:
@@ -464,7 +466,7 @@ def _taken(whole: Mesh) -> Callable[[Mesh], bool]:
 
 
 def _surfaces(parts: list[Part]) -> list[Mesh]:
-    return [_cleaned(Mesh(points=each.points, faces=each.faces)) for each in parts]
+    return [_cleaned(Mesh(points=part.points, faces=part.faces)) for part in parts]
 
 
 def _closed(whole: Mesh) -> Mesh:
@@ -472,31 +474,33 @@ def _closed(whole: Mesh) -> Mesh:
     return whole if is_closed(whole) else sewn(whole)[0]
 
 
-def _numbered(found: list[Mesh]) -> dict[str, Mesh]:
-    return {str(number): body for number, body in enumerate(found)}
+def _numbered(bodies: list[Mesh]) -> dict[str, Mesh]:
+    return {str(number): body for number, body in enumerate(bodies)}
 
 
 def _chosen(
-    part: str, parts: list[Part], surfaces: list[Mesh], found: list[Mesh], names: list[str]
+    part: str, parts: list[Part], surfaces: list[Mesh], bodies: list[Mesh], names: list[str]
 ) -> Mesh:
-    choices = _numbered(found)
-    choices |= {each.name: surface for each, surface in zip(parts, surfaces, strict=True)}
-    choices |= dict(zip(names, found, strict=bool(names)))
+    choices = _numbered(bodies)
+    choices |= {item.name: surface for item, surface in zip(parts, surfaces, strict=True)}
+    choices |= dict(zip(names, bodies, strict=bool(names)))
     if part not in choices:
-        numbers = list(_numbered(found))
-        offer = _listed(names or [*numbers, *(each.name for each in parts if len(parts) > 1)])
-        raise MeshError(f"it has no part {part!r}: {nearest(part, choices)}give one of {offer}")
+        numbers = list(_numbered(bodies))
+        names_text = _listed(names or [*numbers, *(item.name for item in parts if len(parts) > 1)])
+        raise MeshError(
+            f"it has no part {part!r}: {nearest(part, choices)}give one of {names_text}"
+        )
     return choices[part]
 
 
-def _apart(surfaces: list[Mesh]) -> bool:
+def _are_bodies(surfaces: list[Mesh]) -> bool:
     """Return whether parts are closed bodies; else they are patches of one surface."""
     return len(surfaces) > 1 and all(is_closed(surface) for surface in surfaces)
 
 
 def _whole(parts: list[Part], surfaces: list[Mesh]) -> Mesh:
     """Return separate bodies side by side, and patches of one surface welded together."""
-    if _apart(surfaces):
+    if _are_bodies(surfaces):
         return _joined(surfaces)
     if len(parts) == 1:
         return surfaces[0]
@@ -504,15 +508,15 @@ def _whole(parts: list[Part], surfaces: list[Mesh]) -> Mesh:
 
 
 def _bodies(parts: list[Part], surfaces: list[Mesh], whole: Mesh) -> tuple[list[Mesh], list[str]]:
-    """Return the separate bodies and, where each comes from a part of its own, their names."""
+    """Return the separate bodies and, where each comes from a separate part, their names."""
     groups = bodies(whole)
     names: list[str] = []
-    if _apart(surfaces):
+    if _are_bodies(surfaces):
         labels = np.repeat(np.arange(len(parts)), [len(surface.faces) for surface in surfaces])
         outermost = [faces[np.argmin(whole.centroids[faces, 0])] for faces in groups]
         names = [parts[labels[face]].name for face in outermost]
-    unique = len(set(names)) == len(groups)
-    return [submesh(whole, faces) for faces in groups], names if unique else []
+    is_unique = len(set(names)) == len(groups)
+    return [submesh(whole, faces) for faces in groups], names if is_unique else []
 
 
 def _joined(surfaces: list[Mesh]) -> Mesh:
@@ -539,10 +543,10 @@ def _welded(mesh: Mesh) -> Mesh:
     """Merge vertices at the very same place, and leave out faces that this collapses."""
     points = mesh.points + 0.0  # makes -0.0 and 0.0 one
     order = np.lexsort(points.T)
-    fresh = np.append(True, np.any(np.diff(points[order], axis=0) != 0, axis=1))
-    merged = np.empty(len(points), dtype=np.int64)
-    merged[order] = order[fresh][np.cumsum(fresh) - 1]
-    faces = merged[mesh.faces]
+    is_first = np.append(True, np.any(np.diff(points[order], axis=0) != 0, axis=1))
+    labels = np.empty(len(points), dtype=np.int64)
+    labels[order] = order[is_first][np.cumsum(is_first) - 1]
+    faces = labels[mesh.faces]
     whole = np.all(faces != np.roll(faces, 1, axis=1), axis=1)
     if not whole.any():
         raise MeshError(f"none of its {len(faces)} faces has an area: export the surface again")
@@ -559,30 +563,30 @@ def _without_lines(mesh: Mesh) -> Mesh:
 
 
 def _listed(names: list[str]) -> str:
-    shown = ", ".join(repr(name) for name in names[:_LISTED])
+    names_text = ", ".join(repr(name) for name in names[:_LISTED])
     more = len(names) - _LISTED
-    return f"{shown} ... and {more} more" if more > 0 else shown
+    return f"{names_text} ... and {more} more" if more > 0 else names_text
 
 
-def _one_kind(found: ElementBlocks, metre: float) -> VolumeMesh:
+def _one_kind(blocks: ElementBlocks, metre: float) -> VolumeMesh:
     """Return the volume elements of a file, which must be of one kind."""
     counts: Counter[str] = Counter()
-    for kind, cells in found.cells:
+    for kind, cells in blocks.cells:
         counts[kind] += len(cells)
-    solid = [kind for kind in +counts if not kind.startswith(_NOT_SOLID)]
+    solid_kinds = [kind for kind in +counts if not kind.startswith(_NOT_SOLID)]
     inventory = ", ".join(f"{count} {kind}" for kind, count in counts.items()) or "nothing"
-    if not solid:
+    if not solid_kinds:
         raise MeshError(
             f"it holds no volume elements ({inventory}): export the volume mesh, or load a surface "
             "as obj, stl or ply"
         )
-    if len(solid) > 1 or solid[0] not in _ELEMENTS:
+    if len(solid_kinds) > 1 or solid_kinds[0] not in _ELEMENTS:
         raise MeshError(
             f"its elements are {inventory}, and one kind of volume element is taken, of "
             f"{', '.join(_ELEMENTS)}: mesh it with one kind alone"
         )
-    elements = np.concatenate([cells for kind, cells in found.cells if kind == solid[0]])
-    return _compact(found.nodes * metre, elements, _ELEMENTS[solid[0]])
+    elements = np.concatenate([cells for kind, cells in blocks.cells if kind == solid_kinds[0]])
+    return _compact(blocks.nodes * metre, elements, _ELEMENTS[solid_kinds[0]])
 
 
 def _compact(nodes: Array, elements: Index, kind: str) -> VolumeMesh:
@@ -595,16 +599,18 @@ def _compact(nodes: Array, elements: Index, kind: str) -> VolumeMesh:
             f"elements name nodes {elements.min()} to {elements.max()} of {len(nodes)}: export the "
             "mesh again"
         )
-    used, renumbered = np.unique(elements, return_inverse=True)
-    if nodes.shape[1] != 3 or not np.isfinite(nodes[used]).all():
+    node_indices, renumbered = np.unique(elements, return_inverse=True)
+    if nodes.shape[1] != 3 or not np.isfinite(nodes[node_indices]).all():
         raise MeshError("its nodes are not finite numbers x, y and z: export the mesh again")
-    farthest = np.abs(nodes[used]).max()
-    if farthest > _LARGEST:
+    extent = np.abs(nodes[node_indices]).max()
+    if extent > _LARGEST:
         raise MeshError(
-            f"a node is {rounded(farthest, 3)} m from the origin, and volumes can be computed "
+            f"a node is {rounded(extent, 3)} m from the origin, and volumes can be computed "
             f"within {rounded(_LARGEST)} m alone: export the mesh again"
         )
-    return VolumeMesh(nodes=nodes[used], elements=renumbered.reshape(elements.shape), kind=kind)
+    return VolumeMesh(
+        nodes=nodes[node_indices], elements=renumbered.reshape(elements.shape), kind=kind
+    )
 
 
 def _require_upright(mesh: VolumeMesh) -> None:
@@ -612,9 +618,9 @@ def _require_upright(mesh: VolumeMesh) -> None:
     element = ELEMENTS[mesh.kind]
     corners = element.gradients(element.corners)
     jacobians = np.einsum("eni,cnj->ecij", mesh.nodes[mesh.elements], corners)
-    inverted = np.count_nonzero((np.linalg.det(jacobians) <= 0).any(axis=1))
-    if inverted:
+    inverted_count = np.count_nonzero((np.linalg.det(jacobians) <= 0).any(axis=1))
+    if inverted_count:
         raise MeshError(
-            f"{inverted} of its {len(mesh.elements)} {mesh.kind} elements are inverted or without "
-            "volume at a corner: smooth the mesh, or put their nodes in the format's own order"
+            f"{inverted_count} of its {len(mesh.elements)} {mesh.kind} elements are inverted or "
+            "without volume at a corner: smooth the mesh, or order their nodes as the format does"
         )

@@ -33,7 +33,7 @@ class ReadingLimits:
     size: int = 256 * 2**20  # bytes of a file with all that belongs to it, packed or not
     # bytes of address space of the reading process; held on Linux, not Windows
     memory: int = 2 * 2**30
-    seconds: float = 10.0  # processor time for one file, s; held where a process can be told it
+    seconds: float = 10.0  # processor time for one file, s; enforced where the system can
     wall: float = 120.0  # time for one file by the clock, s: a busy machine is no fault of the file
     vertices: int = 15_000_000
     faces: int = 5_000_000  # triangles
@@ -60,7 +60,7 @@ class Parsed:
 
     kind: str  # one of `FORMATS`
     parts: list[Part]
-    beside: dict[str, int]  # how many points, lines and curves it has beside its faces
+    beside: dict[str, int]  # how many points, lines and curves it has besides its faces
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -141,7 +141,7 @@ def _received(stream: IO[bytes], count: int) -> NDArray[np.uint8]:
     data = np.empty(count, dtype=np.uint8)
     rest = data.data
     while rest:
-        # The type of binary streams does not tell of readinto, though all of them have it.
+        # The type of binary streams lacks readinto, though all of them have it.
         taken = stream.readinto(rest)  # type: ignore[attr-defined]
         if not taken:
             raise EOFError("the sender has gone")

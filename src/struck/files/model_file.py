@@ -57,12 +57,12 @@ if TYPE_CHECKING:
     from struck.radiation.boundary_elements import SurfaceField
 
 
-# Gains: mode shapes on a surface; those of recordings by name, from `fields_file`.
+# Gains: mode shapes on a surface; kinds of recorded gains by name, from `fields_file`.
 
 _FORMULA, _NEAR = "formula.", "near."
 # By annotation of a formula's part: NumPy's kind of number, and the largest size.
 _PARTS = {"float": ("f", 1e100), "Array": ("f", 1e100), "Index": ("i", 10_000)}
-_COMPARED, _SAME = 8, 1e-3  # vertices, share of the largest displacement
+_SAMPLE_COUNT, _MAX_DEVIATION = 8, 1e-3  # vertices, share of the largest displacement
 GAINS = ("ShapeGains", "RadiatingGains", "TimbreField", "TimbreTable", "SinglePoint")
 
 
@@ -159,22 +159,26 @@ def _require_same_shapes(gains: ShapeGains) -> None:
         return
     parts: tuple[Any, ...] = (formula, formula.forms)
     for part in parts:
-        for each in fields(part):
-            kind, largest = _PARTS.get(str(each.type), ("", 0))
-            value = np.asarray(getattr(part, each.name))
+        for field in fields(part):
+            kind, largest = _PARTS.get(str(field.type), ("", 0))
+            value = np.asarray(getattr(part, field.name))
             if kind and (
-                (value.dtype.kind, value.ndim > 0) != (kind, each.type != "float")
+                (value.dtype.kind, value.ndim > 0) != (kind, field.type != "float")
                 or not -largest <= value.min(initial=0) <= value.max(initial=0) <= largest
             ):
                 raise FileFormatError(
-                    f"its formula's {each.name} is damaged, no {each.type} of at most "
+                    f"its formula's {field.name} is damaged, no {field.type} of at most "
                     f"{rounded(largest)} in size: save the model again"
                 )
-    some = np.linspace(0, len(points) - 1, _COMPARED).astype(np.int64)
+    sample = np.linspace(0, len(points) - 1, _SAMPLE_COUNT).astype(np.int64)
     with np.errstate(all="ignore"):
-        given, kept = formula.displacements(points[some]), gains.shapes[some]
-        apart = np.abs(given - kept).max(initial=0.0) if given.shape == kept.shape else np.inf
-    if not apart <= _SAME * np.abs(kept).max(initial=0.0):
+        formula_shapes, shapes = formula.displacements(points[sample]), gains.shapes[sample]
+        deviation = (
+            np.abs(formula_shapes - shapes).max(initial=0.0)
+            if formula_shapes.shape == shapes.shape
+            else np.inf
+        )
+    if not deviation <= _MAX_DEVIATION * np.abs(shapes).max(initial=0.0):
         raise FileFormatError(
             "its formula gives other mode shapes than its vertices have: save the model again"
         )
@@ -220,9 +224,9 @@ def _radiating() -> Kind:
 
     def keep(gains: RadiatingGains) -> tuple[dict[str, Any], Arrays]:
         text, arrays = _keep_shapes(gains)
-        kept: Arrays = {}
-        near = to_plain(gains.near, kinds, kept) if gains.near else None
-        arrays |= {_NEAR + name: array for name, array in kept.items()}
+        near_arrays: Arrays = {}
+        near = to_plain(gains.near, kinds, near_arrays) if gains.near else None
+        arrays |= {_NEAR + name: array for name, array in near_arrays.items()}
         return {**text, "radius": float(gains.field.radius), "near": near}, arrays
 
     def make(text: Text, tensors: Tensors, surface: Mesh | None) -> RadiatingGains:
@@ -268,15 +272,15 @@ def _near(plain: object, tensors: Tensors, kinds: tuple[type, ...]) -> tuple[Sur
 
 
 ENDINGS = tuple(f".{ending}" for ending in MODELS)  # of model files
-SHAPES = ".vtu"  # of what else `save_model` writes, and nobody reads as a model
-VERSION = 2  # the newest; what older readers can read is written as 1
+SHAPES = ".vtu"  # of shapes that `save_model` writes, and that are not read as models
+VERSION = 2  # the newest; files that older readers can read are written as 1
 _SOFA = ".sofa"
 # What Python raises on JSON of another form than is read.
 _UNEXPECTED = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError)
 _DAMPINGS: dict[str, Callable[..., Damping]] = {
     kind.__name__: kind for kind in (InternalFriction, Rayleigh, Measured)
 }
-# Lengths by letter: M modes, V vertices, F faces. Gains add tensors of their own.
+# Lengths by letter: M modes, V vertices, F faces. Gains add further tensors.
 _LAYOUT: Layout = {
     "frequencies": Tensor("float64", ("M",), "frequencies"),
     "natural_frequencies": Tensor("float64", ("M",), "natural_frequencies"),
@@ -344,10 +348,10 @@ def load(path: str | os.PathLike[str]) -> ModalModel:
 def to_bytes(model: ModalModel) -> bytes:
     """Return a model as the content of a model file."""
     try:
-        text, tensors = _kept(model)
-        written = json.dumps(text, allow_nan=False, default=_plain)
+        text, tensors = _serialise(model)
+        json_text = json.dumps(text, allow_nan=False, default=_plain)
         version = str(kind_of(model.gains).version)
-        metadata = {"format": "struck", "version": version, "json": written}
+        metadata = {"format": "struck", "version": version, "json": json_text}
         return pack(tensors, metadata)
     except (FileFormatError, TypeError, ValueError) as error:
         raise FileFormatError(f"the model cannot be saved: {error}") from error
@@ -449,7 +453,7 @@ def _is_sofa(path: str | os.PathLike[str]) -> bool:
 # Writing
 
 
-def _kept(model: ModalModel) -> tuple[dict[str, Any], Arrays]:
+def _serialise(model: ModalModel) -> tuple[dict[str, Any], Arrays]:
     """Return the JSON values and tensors that a file keeps of a model."""
     kind, surface = kind_of(model.gains), _surface(model)
     gains, tensors = kind.keep(model.gains)
@@ -520,7 +524,7 @@ def _recoil_to_json(recoil: Recoil | None) -> dict[str, Any]:
     """Return recoil as a JSON object under its key; an empty object for models without it."""
     if recoil is None:
         return {}
-    return {"recoil": {each.name: _list(getattr(recoil, each.name)) for each in fields(Recoil)}}
+    return {"recoil": {field.name: _list(getattr(recoil, field.name)) for field in fields(Recoil)}}
 
 
 def _chart_to_json(chart: Chart | None) -> dict[str, Any]:
@@ -646,14 +650,14 @@ def _recoil(text: Text | None) -> Recoil | None:
 
 def _make_residual(text: Text, tensors: Tensors) -> Residual | None:
     """Return attack and noise that a file describes; None where it has none."""
-    kept = text.get("residual")
-    if kept is None:
+    description = text.get("residual")
+    if description is None:
         return None
     require_layout(tensors, _RESIDUAL)
     return Residual(
         attack=tensors["residual_attack"],
-        sample_rate=int(number(kept["sample_rate"], "residual's sample rate", 1, 1e9)),
-        lead=number(kept["lead"], "residual's lead", 0),
+        sample_rate=int(number(description["sample_rate"], "residual's sample rate", 1, 1e9)),
+        lead=number(description["lead"], "residual's lead", 0),
         edges=tensors["residual_edges"],
         levels=tensors["residual_levels"],
         decays=tensors["residual_decays"],

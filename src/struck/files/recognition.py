@@ -26,7 +26,7 @@ HEAD = 4096  # bytes from the beginning of a file, by which it is recognised
 _CONTAINER = 16 * 2**20  # bytes of the longest header of a safetensors container
 
 # What to do with a file of a group: the command that reads it, or how to come to one that is read.
-_WAYS: Mapping[str, str] = {
+_ADVICE: Mapping[str, str] = {
     "model": "struck info lists what it holds, and struck render lets it sound",
     "surface": "struck analyze makes a model of it",
     "volume": "struck analyze makes a model of it",
@@ -151,7 +151,7 @@ class FileKind:
     """The kind of a file: the name of its format, and the group that it belongs to."""
 
     name: str  # "FBX"
-    group: str  # a key of `_WAYS`
+    group: str  # a key of `_ADVICE`
 
     @property
     def is_read(self) -> bool:
@@ -159,9 +159,9 @@ class FileKind:
         return self.group in _READ
 
     @property
-    def way(self) -> str:
+    def advice(self) -> str:
         """The command that reads it, or how to come to a file that is read."""
-        return _WAYS[self.group]
+        return _ADVICE[self.group]
 
     def __str__(self) -> str:
         return f"{_NOUNS[self.group]} ({self.name})"
@@ -171,8 +171,8 @@ def kind_by_content(head: bytes) -> FileKind | None:
     """Return the kind of a file that begins with these bytes; None if they are of no format."""
     length = int.from_bytes(head[:8], "little")
     if len(head) > 8 and head[8:9] == b"{" and 2 <= length <= _CONTAINER:
-        struck = b'"format":"struck"' in head.replace(b" ", b"")
-        return FileKind(name="struck", group="model") if struck else _named(".safetensors")
+        is_struck = b'"format":"struck"' in head.replace(b" ", b"")
+        return FileKind(name="struck", group="model") if is_struck else _named(".safetensors")
     for start, name, group in _STARTS:
         if re.match(start, head, re.DOTALL | re.IGNORECASE if group == "volume" else re.DOTALL):
             return FileKind(name=name, group=group)
@@ -184,8 +184,8 @@ def kind_by_name(path: str | os.PathLike[str]) -> FileKind | None:
     path = Path(path)
     if path.suffix[1:].lower() in PACKINGS:
         inner = _named(Path(path.stem).suffix.lower())
-        zipped = FileKind(name="ZIP", group="surface") if path.suffix == ".zip" else None
-        return inner or zipped
+        zip_kind = FileKind(name="ZIP", group="surface") if path.suffix == ".zip" else None
+        return inner or zip_kind
     return _named(path.suffix.lower())
 
 
@@ -205,30 +205,30 @@ def _head_of(path: str | os.PathLike[str]) -> bytes:
 
 def recognised(path: str | os.PathLike[str]) -> FileKind | None:
     """Return the kind of a file: by its content, or else by its ending."""
-    named, seen = kind_by_name(path), kind_by_content(_head_of(path))
-    packed = seen is not None and seen.name == "ZIP"  # the ending says more
-    return named if named is not None and (seen is None or packed) else seen
+    kind, content_kind = kind_by_name(path), kind_by_content(_head_of(path))
+    is_packed = content_kind is not None and content_kind.name == "ZIP"  # the ending says more
+    return kind if kind is not None and (content_kind is None or is_packed) else content_kind
 
 
 def readable(*, meshes: bool = False) -> str:
     """Return all endings of files that are read, or of `meshes` alone, in words."""
     surfaces = f"surfaces as {', '.join(FORMATS)}, also packed as {', '.join(PACKINGS)}"
-    both = f"{surfaces}; volume meshes as {', '.join(VOLUMES)}"
+    meshes_text = f"{surfaces}; volume meshes as {', '.join(VOLUMES)}"
     if meshes:
-        return both
+        return meshes_text
     return (
-        f"models as {', '.join(MODELS)}; {both}; sounds as {', '.join(SOUNDS)}; scenes (MJCF, "
-        f"URDF) as {', '.join(SCENES)}"
+        f"models as {', '.join(MODELS)}; {meshes_text}; sounds as {', '.join(SOUNDS)}; scenes "
+        f"(MJCF, URDF) as {', '.join(SCENES)}"
     )
 
 
-def another_kind(path: str | os.PathLike[str], group: str, *, renamed: str = "") -> str:
+def another_kind(path: str | os.PathLike[str], group: str, *, advice: str = "") -> str:
     """Return that a file is known not to be of a group, and its way out; "" where it may be."""
     kind = recognised(path)
     if kind is None or kind.group == group:
         return ""
-    other = f" and not {_NOUNS[group]}" if kind.is_read else ", which struck does not read"
-    return f"is {kind}{other}: {renamed}{kind.way}"
+    contrast = f" and not {_NOUNS[group]}" if kind.is_read else ", which struck does not read"
+    return f"is {kind}{contrast}: {advice}{kind.advice}"
 
 
 def not_a_model(path: str | os.PathLike[str]) -> str:
@@ -239,19 +239,25 @@ def not_a_model(path: str | os.PathLike[str]) -> str:
         return f"{name}, and its content is of no kind that is read: struck reads {readable()}"
     if kind.name == "safetensors" and ending == ".struck":
         return ""
-    own = kind.name.lower()
-    renamed = f"end its name in .{own}; " if own in {*SOUNDS, *FORMATS} - {ending[1:]} else ""
-    why = another_kind(path, "model", renamed=renamed)
-    return f"{why}; struck reads {readable()}" if why else ""
+    content_ending = kind.name.lower()
+    advice = (
+        f"end its name in .{content_ending}; "
+        if content_ending in {*SOUNDS, *FORMATS} - {ending[1:]}
+        else ""
+    )
+    reason = another_kind(path, "model", advice=advice)
+    return f"{reason}; struck reads {readable()}" if reason else ""
 
 
 def not_a_surface(name: str) -> str:
     """Return the kind of a file that by its name is no surface, and all formats of meshes."""
     kind, ending = kind_by_name(name), Path(name).suffix
     if kind is None:
-        why = f"its extension {ending!r} names no mesh format" if ending else "it has no extension"
-        return f"{why}: use one of {readable(meshes=True)}"
+        reason = (
+            f"its extension {ending!r} names no mesh format" if ending else "it has no extension"
+        )
+        return f"{reason}: use one of {readable(meshes=True)}"
     if kind.group == "volume":
         return f"it is {kind}, and those are read unpacked alone: unpack it"
-    other = " and not a mesh" if kind.is_read else ", which struck does not read"
-    return f"it is {kind}{other}: {kind.way}; meshes are read: {readable(meshes=True)}"
+    contrast = " and not a mesh" if kind.is_read else ", which struck does not read"
+    return f"it is {kind}{contrast}: {kind.advice}; meshes are read: {readable(meshes=True)}"

@@ -26,33 +26,38 @@ def unexpanded(gains: Gains) -> Gains:
 
 def recorded_contacts(gains: Gains) -> Array | None:
     """Return the contacts (P, D) that were recorded; None of gains that were computed."""
-    whole = unexpanded(gains)
-    if isinstance(whole, SinglePoint):
+    recorded_gains = unexpanded(gains)
+    if isinstance(recorded_gains, SinglePoint):
         return np.zeros((1, 0))
-    if isinstance(whole, TimbreTable):
-        return combinations(whole.contacts.axes)
-    if not isinstance(whole, TimbreField):
+    if isinstance(recorded_gains, TimbreTable):
+        return combinations(recorded_gains.contacts.axes)
+    if not isinstance(recorded_gains, TimbreField):
         return None
-    part = whole.contact_part
+    part = recorded_gains.contact_part
     places = part.lowest + part.contacts * part.spans
-    # Of a round body struck all around, each height once: the azimuth makes no difference.
-    return np.column_stack([places, np.zeros((len(places), int(whole.listener_part.turned)))])
+    # Contacts of a round body struck all around, each height once: the azimuth makes no difference.
+    return np.column_stack(
+        [places, np.zeros((len(places), int(recorded_gains.listener_part.turned)))]
+    )
 
 
 def recorded_listeners(gains: Gains) -> Array | None:
     """Return the listeners (Q, 3) that were recorded, m; None of gains that were computed."""
-    whole = unexpanded(gains)
-    if isinstance(whole, SinglePoint):
-        return whole.centre + np.eye(3)[:1]
-    if isinstance(whole, TimbreTable):
-        return _gridded(whole)
-    if not isinstance(whole, TimbreField):
+    recorded_gains = unexpanded(gains)
+    if isinstance(recorded_gains, SinglePoint):
+        return recorded_gains.centre + np.eye(3)[:1]
+    if isinstance(recorded_gains, TimbreTable):
+        return _gridded(recorded_gains)
+    if not isinstance(recorded_gains, TimbreField):
         return None
     # A field keeps waves, not who heard them outside: 45 directions at the distance of the nearest
     # listener and at twice that, for how they fall. Listeners inside follow as they were.
-    waves, inside = whole.listener_part.waves, whole.listener_part.inside.places
+    waves, inner_places = (
+        recorded_gains.listener_part.waves,
+        recorded_gains.listener_part.inside.places,
+    )
     rings = [_all_around(far * waves.limit, len(waves.parts) - 1) for far in (2, 4)]
-    return whole.centre + np.concatenate([*rings, inside])
+    return recorded_gains.centre + np.concatenate([*rings, inner_places])
 
 
 def _gridded(table: TimbreTable) -> Array:
@@ -85,7 +90,7 @@ class Origin:
     errors: Array | None = None  # (M,), relative, of frequencies; NaN where unknown
     # modes of a `TimbreField` of which a part is little known
     unmeasured: Index = field(default_factory=lambda: np.zeros(0, np.int64))
-    notes: tuple[str, ...] = ()  # what a person should know of such a field
+    notes: tuple[str, ...] = ()  # for users of such a field
     place: Array | None = None  # (D,), the contact that it called "recorded"
 
     @classmethod
@@ -128,7 +133,7 @@ class SampledField:
     calibrated: bool = False  # gains are Pa/(N s), not relative
     coordinates: tuple[str, ...] = ()  # names and units of a contact's coordinates
     title: str = ""
-    way: str = "field"  # of interpolation by its model: "field" or "table"
+    interpolation: str = "field"  # by its model: "field" or "table"
     radius: float = 0.0  # of a ball about the centre that holds the body, m; 0 where not known
     origin: Origin | None = None  # of gains sampled from a model; None of measured ones
 
@@ -140,34 +145,34 @@ class SampledField:
         listeners: ArrayLike | None = None,
     ) -> SampledField:
         """Take the gains of a model at contacts (P, D) or named places, and listeners (Q, 3)."""
-        whole = unexpanded(model.gains)
-        contacts = recorded_contacts(whole) if contacts is None else contacts
-        listeners = recorded_listeners(whole) if listeners is None else listeners
+        model_gains = unexpanded(model.gains)
+        contacts = recorded_contacts(model_gains) if contacts is None else contacts
+        listeners = recorded_listeners(model_gains) if listeners is None else listeners
         if contacts is None or listeners is None:
             raise OptionError(
                 "a computed model has gains everywhere: to sample them give contacts=, as names or "
                 "points in m, and listeners=, as x, y, z in m"
             )
         places, directions = _touched(model, contacts)
-        heard = np.asarray(listeners, np.float64)
-        if heard.ndim != 2 or heard.shape[1:] != (3,) or not heard.size:
-            raise OptionError(f"listeners have shape {heard.shape}: give x, y, z of each, m")
+        positions = np.asarray(listeners, np.float64)
+        if positions.ndim != 2 or positions.shape[1:] != (3,) or not positions.size:
+            raise OptionError(f"listeners have shape {positions.shape}: give x, y, z of each, m")
         drives = model.gains.at(places, directions)
-        gains = np.einsum("prm,qrm->pqm", drives, model.gains.toward(heard))
+        gains = np.einsum("prm,qrm->pqm", drives, model.gains.toward(positions))
         if not np.isfinite(gains).all():
             raise OptionError("the model has gains that are not finite: fit or analyze it again")
         return cls(
             frequencies=model.frequencies,
             decays=model.decays,
             contacts=places,
-            listeners=heard,
+            listeners=positions,
             gains=gains,
             centre=_centre(model),
-            symmetry="axial" if _is_axial(whole) else "none",
+            symmetry="axial" if _is_axial(model_gains) else "none",
             calibrated=model.calibrated,
             coordinates=model.coordinates,
-            way="table" if isinstance(whole, TimbreTable) else "field",
-            radius=float(getattr(whole, "radius", 0.0)),
+            interpolation="table" if isinstance(model_gains, TimbreTable) else "field",
+            radius=float(getattr(model_gains, "radius", 0.0)),
             origin=Origin.of(model),
         )
 
@@ -183,32 +188,33 @@ class SampledField:
             *measured, centre=self.centre, symmetry=self.symmetry, calibrated=self.calibrated
         )
 
-    def model(self, way: str | None = None, *, radius: float | None = None) -> ModalModel:
+    def model(self, interpolation: str | None = None, *, radius: float | None = None) -> ModalModel:
         """Return the modal model: a product of contact and listener patterns, or a linear table."""
-        chosen = self.way if way is None else way
+        chosen = self.interpolation if interpolation is None else interpolation
         require_choice("way", chosen, WAYS)
         natural = np.hypot(self.frequencies, self.decays / (2 * np.pi))
         order = np.argsort(natural, kind="stable")
-        ordered = replace(
+        sorted_field = replace(
             self,
             frequencies=self.frequencies[order],
             decays=self.decays[order],
             gains=self.gains[:, :, order],
         )
-        numbered, places = _numbered(ordered)
+        numbered_field, places = _numbered(sorted_field)
         origin = Origin() if self.origin is None else self.origin.chosen(order)
         method = origin.provenance.method
-        gains = _interpolated(numbered, chosen, self.radius if radius is None else radius)
+        gains = _interpolated(numbered_field, chosen, self.radius if radius is None else radius)
         return ModalModel(
-            frequencies=ordered.frequencies,
+            frequencies=sorted_field.frequencies,
             natural_frequencies=natural[order],
-            decays=ordered.decays,
+            decays=sorted_field.decays,
             gains=gains if self.origin is None else origin.annotated(gains),
             centre=self.centre,
             complete_to=0.0,
             errors=origin.errors,
             places=places,
-            coordinates=numbered.coordinates or ("u", "v")[: numbered.contacts.shape[1]],
+            coordinates=numbered_field.coordinates
+            or ("u", "v")[: numbered_field.contacts.shape[1]],
             provenance=Provenance(
                 method=f"timbre {chosen} of sampled gains",
                 references=origin.provenance.references,
@@ -236,7 +242,7 @@ def _numbered(field: SampledField) -> tuple[SampledField, dict[str, Array]]:
     return replace(field, contacts=numbers, coordinates=("number of contact",)), names
 
 
-def _interpolated(field: SampledField, way: str, radius: float) -> Gains:
+def _interpolated(field: SampledField, interpolation: str, radius: float) -> Gains:
     if not field.contacts.shape[1]:
         distance = float(np.linalg.norm(field.listeners[0] - field.centre))
         return SinglePoint(
@@ -245,17 +251,21 @@ def _interpolated(field: SampledField, way: str, radius: float) -> Gains:
             is_calibrated=field.calibrated,
         )
     survey = field.survey()
-    return TimbreTable.of(survey) if way == "table" else TimbreField.of(survey, radius=radius)
+    return (
+        TimbreTable.of(survey)
+        if interpolation == "table"
+        else TimbreField.of(survey, radius=radius)
+    )
 
 
 def _touched(model: ModalModel, contacts: ArrayLike | Sequence[Place]) -> tuple[Array, Array]:
     """Return contacts (P, D) and the directions of pushes there (P, 3)."""
     if isinstance(model.gains, ShapeGains) and model.geometry is not None:
-        found = [model.contact(place) for place in contacts]  # type: ignore[union-attr] - a list
-        if not found:
+        model_contacts = [model.contact(place) for place in contacts]  # type: ignore[union-attr] - a list
+        if not model_contacts:
             raise OptionError("contacts are empty: give points on the surface, m, or names")
-        points = np.array([each.point for each in found])
-        return points, np.array([each.direction for each in found])
+        points = np.array([contact.point for contact in model_contacts])
+        return points, np.array([contact.direction for contact in model_contacts])
     places = np.asarray(contacts, np.float64)
     if places.ndim != 2 or not len(places):
         raise OptionError(f"contacts have shape {places.shape}: give the coordinates of each")
@@ -272,8 +282,8 @@ def _centre(model: ModalModel) -> Array:
     return np.zeros(3) if model.centre is None else model.centre
 
 
-def _is_axial(whole: Gains) -> bool:
+def _is_axial(recorded_gains: Gains) -> bool:
     """Return whether only the azimuth between contact and listener matters."""
-    if isinstance(whole, TimbreTable):
-        return whole.mirrored
-    return isinstance(whole, TimbreField) and whole.listener_part.mirrored
+    if isinstance(recorded_gains, TimbreTable):
+        return recorded_gains.mirrored
+    return isinstance(recorded_gains, TimbreField) and recorded_gains.listener_part.mirrored

@@ -68,10 +68,10 @@ def write_container(
             )
     h5py = _library()
     now = datetime.now(tz=UTC).strftime("%Y-%m-%d %H:%M:%S")
-    told = {"APIVersion": version("struck"), "DateCreated": now, "DateModified": now}
+    general = {"APIVersion": version("struck"), "DateCreated": now, "DateModified": now}
     buffer = BytesIO()
     with h5py.File(buffer, "w", track_order=True) as file:
-        _describe(file, {**_COMMON, **told, **attributes})
+        _describe(file, {**_COMMON, **general, **attributes})
         sizes = dict[str, int]()
         for variable in variables.values():
             sizes.update(zip(variable.letters, variable.values.shape, strict=True))
@@ -87,9 +87,9 @@ def _made_dimensions(
     """Make a dimension of each letter, as netCDF-4 has them."""
     scales: dict[str, h5py.Dataset] = {}
     for number, (letter, size) in enumerate(sorted(sizes.items())):
-        named = letter in variables
-        scale = file.create_dataset(letter, (size,), "f8" if named else "f4")
-        scale.make_scale(letter if named else _NO_VARIABLE.format(size))
+        is_named = letter in variables
+        scale = file.create_dataset(letter, (size,), "f8" if is_named else "f4")
+        scale.make_scale(letter if is_named else _NO_VARIABLE.format(size))
         scale.attrs["_Netcdf4Dimid"] = np.int32(number)
         scales[letter] = scale
     return scales
@@ -100,13 +100,13 @@ def _fill(
 ) -> None:
     """Write a variable and tie it to its dimensions."""
     if name in scales:
-        found = scales[name]
-        found[...] = variable.values
+        dataset = scales[name]
+        dataset[...] = variable.values
     else:
-        found = file.create_dataset(name, data=np.asarray(variable.values, np.float64))
+        dataset = file.create_dataset(name, data=np.asarray(variable.values, np.float64))
         for axis, letter in enumerate(variable.letters):
-            found.dims[axis].attach_scale(scales[letter])
-    _describe(found, variable.attributes)
+            dataset.dims[axis].attach_scale(scales[letter])
+    _describe(dataset, variable.attributes)
 
 
 def _describe(holder: h5py.File | h5py.Dataset, attributes: Mapping[str, str]) -> None:
@@ -131,16 +131,16 @@ class Container:
 
     def require_convention(self, convention: str) -> None:
         """Refuse a file of another convention."""
-        found = self.text("SOFAConventions")
-        if found != convention:
+        name = self.text("SOFAConventions")
+        if name != convention:
             raise FileFormatError(
-                f"its convention is {found or 'not said'!r}, and {convention!r} is read here: use "
+                f"its convention is {name or 'not said'!r}, and {convention!r} is read here: use "
                 "struck.load for GeneralTF-E, load_sofa_responses for GeneralFIR-E, and a "
                 "listener's hrtf= for measured heads"
             )
 
     def text(self, name: str, of: str | None = None) -> str:
-        """Return an attribute of the file, or of a variable; "" where there is none."""
+        """Return an attribute of the file, or of a variable; "" if it is missing."""
         holder = self._file if of is None else self._file[of]
         value = holder.attrs.get(name)
         if isinstance(value, np.ndarray) and value.size == 1:
@@ -167,11 +167,11 @@ class Container:
                 f"{' or '.join(map(str, shapes))} is demanded: save it again with a SOFA library"
             )
         values = np.asarray(variable[...], dtype=np.float64)
-        wrong = np.count_nonzero(np.isinf(values) if gaps else ~np.isfinite(values))
-        if wrong:
+        bad_count = np.count_nonzero(np.isinf(values) if gaps else ~np.isfinite(values))
+        if bad_count:
             raise FileFormatError(
-                f"its variable {name} holds {wrong} values that are NaN or infinite: take those "
-                "measurements out"
+                f"its variable {name} holds {bad_count} values that are NaN or infinite: take "
+                "those measurements out"
             )
         return values
 
@@ -192,13 +192,13 @@ class Container:
         units, where `name` itself has not.
         """
         read = self.numbers(name, *shapes)
-        values, told = read.reshape(len(read), 3, -1)[:, :, 0], typed or name
-        kind, units = self.text("Type", told).lower(), self.text("Units", told).lower()
-        singular = [unit.removesuffix("s") for unit in units.replace(",", " ").split()]
-        singular = ["metre" if unit == "meter" else unit for unit in singular]
-        if kind == "cartesian" and set(singular) == {"metre"}:
+        values, typed_name = read.reshape(len(read), 3, -1)[:, :, 0], typed or name
+        kind, units = self.text("Type", typed_name).lower(), self.text("Units", typed_name).lower()
+        unit_names = [unit.removesuffix("s") for unit in units.replace(",", " ").split()]
+        unit_names = ["metre" if unit == "meter" else unit for unit in unit_names]
+        if kind == "cartesian" and set(unit_names) == {"metre"}:
             return values
-        if kind == "spherical" and singular == ["degree", "degree", "metre"]:
+        if kind == "spherical" and unit_names == ["degree", "degree", "metre"]:
             azimuth, elevation = np.radians(values[:, :2]).T
             flat = np.cos(elevation)
             directions = [flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)]
@@ -211,17 +211,17 @@ class Container:
     def _variable(self, name: str) -> h5py.Dataset:
         import h5py
 
-        found = self._file.get(name)
-        if not isinstance(found, h5py.Dataset):
+        dataset = self._file.get(name)
+        if not isinstance(dataset, h5py.Dataset):
             raise FileFormatError(
                 f"its variable {name} is missing: save it again with a SOFA library"
             )
-        if found.dtype.kind not in "fiu" or found.external or found.is_virtual:
+        if dataset.dtype.kind not in "fiu" or dataset.external or dataset.is_virtual:
             raise FileFormatError(
-                f"its variable {name} holds {found.dtype} or lies in another file, and numbers in "
-                "this one are read: save it again with a SOFA library"
+                f"its variable {name} holds {dataset.dtype} or lies in another file, and numbers "
+                "in this one are read: save it again with a SOFA library"
             )
-        return found
+        return dataset
 
 
 @contextmanager

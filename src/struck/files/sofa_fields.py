@@ -81,9 +81,9 @@ def save_sofa(
     """Write the gains of a model as a SOFA file of convention GeneralTF-E (AES69-2022).
 
     Contacts (P, D), coordinates of the model's field, points on its surface, m, or names, become
-    emitters; listeners (Q, 3), body coordinates, m, become measurements; unless given those that
-    were recorded. Decays stand in a variable of our own, ModeDecay; frequencies and decays come
-    back to the last bit. So do errors of frequencies (ModeError), the radius of the body
+    emitters; listeners (Q, 3), body coordinates, m, become measurements. Default: those that
+    were recorded. Decays are stored in an additional variable, ModeDecay; frequencies and decays
+    come back to the last bit. So do errors of frequencies (ModeError), the radius of the body
     (BodyRadius), references and notes.
     """
     field = sampled(source, contacts, listeners)
@@ -120,7 +120,7 @@ def load_sofa_field(path: str | os.PathLike[str]) -> SampledField:
             calibrated=file.text("GainUnit") == _PASCAL,
             coordinates=coordinates,
             title=file.text("Title"),
-            way=_choice(file, "Interpolation", WAYS),
+            interpolation=_choice(file, "Interpolation", WAYS),
             radius=_radius_of(file),
             origin=_origin_of(file, len(frequencies)),
         )
@@ -188,18 +188,22 @@ def save_sofa_responses(
     """
     field = sampled(source, contacts, listeners)
     length = _length(field, seconds, sample_rate)
-    kept = field.frequencies < sample_rate / 2
-    lost = int(np.count_nonzero(~kept))
-    left_out = f" ({lost} more at or above {sample_rate / 2:g} Hz are left out)" if lost else ""
-    comment = _RESPONSES_COMMENT.format(count=np.count_nonzero(kept), left_out=left_out)
+    is_below_nyquist = field.frequencies < sample_rate / 2
+    lost_count = int(np.count_nonzero(~is_below_nyquist))
+    remark = (
+        f" ({lost_count} more at or above {sample_rate / 2:g} Hz are left out)"
+        if lost_count
+        else ""
+    )
+    comment = _RESPONSES_COMMENT.format(count=np.count_nonzero(is_below_nyquist), left_out=remark)
     variables = {
-        "Data.IR": Variable(_responses(field, kept, length, sample_rate), "MRNE"),
+        "Data.IR": Variable(_responses(field, is_below_nyquist, length, sample_rate), "MRNE"),
         "Data.SamplingRate": Variable(np.array([float(sample_rate)]), "I", {"Units": "hertz"}),
         "Data.Delay": Variable(_travels(field) * sample_rate, "MRE"),
     }
     names = (title or field.title, author, licence)
     _write(path, (CONVENTIONS[1], "2.0", "FIR-E"), field, variables, comment, *names)
-    return lost
+    return lost_count
 
 
 @checked
@@ -225,25 +229,26 @@ def load_sofa_responses(path: str | os.PathLike[str]) -> Responses:
     with opened(path) as file:
         file.require_convention(CONVENTIONS[1])
         listeners, (contacts, _) = _listeners_of(file), _contacts_of(file)
-        heard, struck = len(listeners), len(contacts)
+        listener_count, contact_count = len(listeners), len(contacts)
         shape = file.shape("Data.IR")
         if len(shape) != 4 or shape[2] < 1:
             raise FileFormatError(
                 f"its Data.IR has shape {shape}, and (listeners, 1, samples, contacts) is read: "
                 "save it again with a SOFA library"
             )
-        data = file.numbers("Data.IR", (heard, 1, shape[2], struck))
-        rates = np.unique(file.numbers("Data.SamplingRate", (1,), (heard,)))
+        data = file.numbers("Data.IR", (listener_count, 1, shape[2], contact_count))
+        rates = np.unique(file.numbers("Data.SamplingRate", (1,), (listener_count,)))
         if len(rates) != 1 or rates[0] <= 0:
             raise FileFormatError(
                 f"its sample rates are {', '.join(f'{rate:g}' for rate in rates[:3])} Hz, and one "
                 "above 0 is read: resample it"
             )
-        delays = file.numbers("Data.Delay", (1, 1, struck), (heard, 1, struck))[:, 0] / rates[0]
+        shapes = (1, 1, contact_count), (listener_count, 1, contact_count)
+        delays = file.numbers("Data.Delay", *shapes)[:, 0] / rates[0]
         return Responses(
             samples=np.ascontiguousarray(data[:, 0].transpose(2, 0, 1)),
             sample_rate=float(rates[0]),
-            delays=np.broadcast_to(delays, (heard, struck)).T.copy(),
+            delays=np.broadcast_to(delays, (listener_count, contact_count)).T.copy(),
             contacts=contacts,
             listeners=listeners,
             calibrated=file.text("GainUnit") == _PASCAL,
@@ -264,21 +269,23 @@ def _length(field: SampledField, seconds: float, sample_rate: int) -> int:
 
 
 def _responses(
-    field: SampledField, kept: NDArray[np.bool_], length: int, sample_rate: int
+    field: SampledField, is_below_nyquist: NDArray[np.bool_], length: int, sample_rate: int
 ) -> Array:
     """Return the samples by listener, receiver, time and contact (M, 1, N, E)."""
-    poles = (-field.decays + 2j * np.pi * field.frequencies)[kept]
-    struck, heard, _ = field.gains.shape
-    gains = field.gains[:, :, kept].reshape(struck * heard, -1)
-    sums = samples(poles, gains, length, sample_rate).reshape(struck, heard, length)
+    poles = (-field.decays + 2j * np.pi * field.frequencies)[is_below_nyquist]
+    contact_count, listener_count, _ = field.gains.shape
+    gains = field.gains[:, :, is_below_nyquist].reshape(contact_count * listener_count, -1)
+    sums = samples(poles, gains, length, sample_rate).reshape(contact_count, listener_count, length)
     return np.ascontiguousarray(sums.transpose(1, 2, 0)[:, np.newaxis])
 
 
 def _travels(field: SampledField) -> Array:
     """Return the travel times, s, by listener, receiver and contact (M, 1, E)."""
-    struck, heard, _ = field.gains.shape
+    contact_count, listener_count, _ = field.gains.shape
     distances = np.linalg.norm(field.listeners - field.centre, axis=1)
-    return np.broadcast_to((distances / AIR.sound_speed)[:, None, None], (heard, 1, struck))
+    return np.broadcast_to(
+        (distances / AIR.sound_speed)[:, None, None], (listener_count, 1, contact_count)
+    )
 
 
 def _write(
@@ -301,7 +308,7 @@ def _write(
         "Comment": comment + (_SURFACE if axes in {1, 2} else ""),
         "GainUnit": _PASCAL if field.calibrated else _RELATIVE,
         "Symmetry": field.symmetry,
-        "Interpolation": field.way,
+        "Interpolation": field.interpolation,
         **({} if axes else {"ContactPlaces": _UNKNOWN}),
         **_origin_attributes(field.origin),
     }
@@ -322,13 +329,16 @@ def _geometry_of(field: SampledField) -> dict[str, Variable]:
         "SoundCentre": metres(field.centre[np.newaxis], "IC"),
     }
     if field.radius:
-        told = {"LongName": "of a ball about SoundCentre that holds the body", "Units": "metre"}
+        attributes = {
+            "LongName": "of a ball about SoundCentre that holds the body",
+            "Units": "metre",
+        }
         radius = np.array([field.radius])
-        places["BodyRadius"] = Variable(radius, "I", told)
+        places["BodyRadius"] = Variable(radius, "I", attributes)
     if axes > 2:
         return places
-    named = zip(_AXES, field.contacts.T, field.coordinates or ("u", "v"), strict=False)
-    for axis, values, name in named:
+    axis_columns = zip(_AXES, field.contacts.T, field.coordinates or ("u", "v"), strict=False)
+    for axis, values, name in axis_columns:
         places[axis] = Variable(values, "E", {"LongName": name})
     return places
 
@@ -388,9 +398,9 @@ def _radius_of(file: Container) -> float:
 
 def _choice(file: Container, name: str, choices: Sequence[str]) -> str:
     """Return an attribute that is one of some words; the first of them where it is missing."""
-    found = file.text(name) or choices[0]
-    require_choice(f"its {name}", found, choices, FileFormatError)
-    return found
+    value = file.text(name) or choices[0]
+    require_choice(f"its {name}", value, choices, FileFormatError)
+    return value
 
 
 def _origin_attributes(origin: Origin | None) -> dict[str, str]:
@@ -398,7 +408,7 @@ def _origin_attributes(origin: Origin | None) -> dict[str, str]:
     if origin is None:
         return {}
     provenance = origin.provenance
-    told = {
+    attributes = {
         _SOURCE: _MODEL,
         "Method": provenance.method,
         "References": provenance.cite(),
@@ -407,7 +417,7 @@ def _origin_attributes(origin: Origin | None) -> dict[str, str]:
         "FieldNotes": _lines(origin.notes),
         _PLACE: "" if origin.place is None else " ".join(map(repr, origin.place.tolist())),
     }
-    return {name: text for name, text in told.items() if text}
+    return {name: text for name, text in attributes.items() if text}
 
 
 def _origin_variables(origin: Origin | None, count: int) -> dict[str, Variable]:
@@ -416,12 +426,15 @@ def _origin_variables(origin: Origin | None, count: int) -> dict[str, Variable]:
     if origin is None:
         return variables
     if origin.errors is not None:
-        told = {"LongName": "relative error of the frequency, NaN where unknown", "Units": "1"}
-        variables[_ERRORS] = Variable(origin.errors, "N", told)
+        attributes = {
+            "LongName": "relative error of the frequency, NaN where unknown",
+            "Units": "1",
+        }
+        variables[_ERRORS] = Variable(origin.errors, "N", attributes)
     if len(origin.unmeasured):
         values = np.isin(np.arange(count), origin.unmeasured).astype(np.float64)
-        told = {"LongName": "1 where a mode was not measured well", "Units": "1"}
-        variables[_UNMEASURED] = Variable(values, "N", told)
+        attributes = {"LongName": "1 where a mode was not measured well", "Units": "1"}
+        variables[_UNMEASURED] = Variable(values, "N", attributes)
     return variables
 
 
@@ -448,7 +461,7 @@ def _place_of(text: str) -> Array | None:
     if not text:
         return None
     try:
-        place = np.array([float(each) for each in text.split()])
+        place = np.array([float(number) for number in text.split()])
     except ValueError:
         place = np.full(1, np.nan)
     if not np.isfinite(place).all():
@@ -460,9 +473,9 @@ def _lines(sentences: Iterable[str]) -> str:
     """Return the sentences that fit into an attribute, a line each, and the number of others."""
     lines = [" ".join(sentence.split()) for sentence in sentences]
     lengths = np.cumsum([len(line.encode()) + 1 for line in lines])
-    kept = int(np.count_nonzero(lengths < LONGEST - _SPARE))
-    more = [f"... and {counted(len(lines) - kept, 'more note')}"] if kept < len(lines) else []
-    return "\n".join([*lines[:kept], *more])
+    count = int(np.count_nonzero(lengths < LONGEST - _SPARE))
+    remark = [f"... and {counted(len(lines) - count, 'more note')}"] if count < len(lines) else []
+    return "\n".join([*lines[:count], *remark])
 
 
 def export(
@@ -482,36 +495,36 @@ def export(
     if Path(path).suffix.lower() != ".sofa":
         raise OptionError(f"{path} {ended(path)}: SOFA files end in '.sofa'")
     require_choice("convention", convention, CONVENTIONS)
-    told = {"title": title, "author": author, "licence": licence}
+    titles = {"title": title, "author": author, "licence": licence}
     if convention == CONVENTIONS[0]:
         if seconds is not None:
             raise OptionError(
                 f"seconds is {seconds}: {convention} holds modes, not samples; leave it out, or "
                 f"choose {CONVENTIONS[1]}"
             )
-        save_sofa(model, path, contacts=contacts, listeners=listeners, **told)
-        beyond = 0
+        save_sofa(model, path, contacts=contacts, listeners=listeners, **titles)
+        lost_count = 0
     else:
         if seconds is None:
-            fall, slowest = float(np.log(1000)), float(np.min(model.decays, initial=np.inf))
-            seconds = fall / slowest if slowest * _LONGEST > fall else _LONGEST
-        beyond = save_sofa_responses(
+            fall, min_decay = float(np.log(1000)), float(np.min(model.decays, initial=np.inf))
+            seconds = fall / min_decay if min_decay * _LONGEST > fall else _LONGEST
+        lost_count = save_sofa_responses(
             model,
             path,
             seconds=seconds,
             sample_rate=sample_rate,
             contacts=contacts,
             listeners=listeners,
-            **told,
+            **titles,
         )
-    lost = left_out(model)
-    if lost:
+    losses = left_out(model)
+    if losses:
         warnings.warn(
-            f"{path} holds gains alone, without {', '.join(lost)}: keep a .struck file as well",
+            f"{path} holds gains alone, without {', '.join(losses)}: keep a .struck file as well",
             LossWarning,
             stacklevel=2,
         )
-    return beyond
+    return lost_count
 
 
 def left_out(model: ModalModel) -> tuple[str, ...]:

@@ -62,11 +62,11 @@ class Sound:
             raise OptionError(
                 f"samples have shape {samples.shape}, and channels come first: give samples.T"
             )
-        wrong = np.count_nonzero(~np.isfinite(samples))
-        if wrong:
+        bad_count = np.count_nonzero(~np.isfinite(samples))
+        if bad_count:
             raise OptionError(
-                f"{wrong} of {samples.size} samples are not finite, or beyond the range of 32-bit "
-                f"numbers ({rounded(LARGEST, 2)}): fill the gaps, or scale the samples"
+                f"{bad_count} of {samples.size} samples are not finite, or beyond the range of "
+                f"32-bit numbers ({rounded(LARGEST, 2)}): fill the gaps, or scale the samples"
             )
         if not (self.sample_rate >= 1 and float(self.sample_rate).is_integer()):
             raise OptionError(f"sample_rate is {self.sample_rate}: give a whole number of Hz")
@@ -147,16 +147,17 @@ class Sound:
         """
         from struck.files.sound_formats import chosen
 
-        ending, how = chosen(path, encoding)
+        ending, encoding_name = chosen(path, encoding)
         factor = self._factor(level)
-        finest = {"int16": 2.0**-15, "int24": 2.0**-23}.get(how, 0.0)
-        if 0 < self.peak * factor < finest / 2:
+        step = {"int16": 2.0**-15, "int24": 2.0**-23}.get(encoding_name, 0.0)
+        if 0 < self.peak * factor < step / 2:
+            peak, smallest = 20 * np.log10(self.peak * factor), 20 * np.log10(step)
             raise OptionError(
-                f"{how} would leave silence of it: its peak is at "
-                f"{20 * np.log10(self.peak * factor):.0f} dB of full scale, and a step of {how} at "
-                f"{20 * np.log10(finest):.0f} dB: give encoding='float32', or another level="
+                f"{encoding_name} would leave silence of it: its peak is at {peak:.0f} dB of full "
+                f"scale, and a step of {encoding_name} at {smallest:.0f} dB: give "
+                "encoding='float32', or another level="
             )
-        write_bytes(path, self.encoded(factor, ending, how))
+        write_bytes(path, self.encoded(factor, ending, encoding_name))
         return factor
 
     def encoded(self, factor: float, ending: str = ".wav", encoding: str = "float32") -> bytes:
@@ -197,10 +198,10 @@ class Sound:
         """
         size, hop = _samples(self, window=window), _samples(self, step=step)
         count = -(-self.samples.shape[1] // hop) + 1
-        padded = np.zeros((self.channels, (count - 1) * hop + size))
-        padded[:, size // 2 : size // 2 + self.samples.shape[1]] = self.samples
+        padded_samples = np.zeros((self.channels, (count - 1) * hop + size))
+        padded_samples[:, size // 2 : size // 2 + self.samples.shape[1]] = self.samples
         hann = np.sin(np.pi * np.arange(size) / size) ** 2
-        pieces = np.lib.stride_tricks.sliding_window_view(padded, size, axis=1)[:, ::hop]
+        pieces = np.lib.stride_tricks.sliding_window_view(padded_samples, size, axis=1)[:, ::hop]
         amplitudes = np.abs(np.fft.rfft(pieces * hann)) * 2 / hann.sum()
         times: Array = np.arange(count) * hop / self.sample_rate
         return times, _bins(size, self.sample_rate), amplitudes.swapaxes(1, 2)
@@ -208,17 +209,17 @@ class Sound:
     def _factor(self, level: str | float) -> float:
         if level == "peak":
             return PEAK / self.peak if self.peak else 1.0
-        wanted = "give 'peak', 'absolute', or the pressure in Pa that is full scale"
+        hint = "give 'peak', 'absolute', or the pressure in Pa that is full scale"
         if isinstance(level, str) and level != "absolute":
-            raise OptionError(f"level is {level!r}: {wanted}")
-        full = FULL_SCALE if level == "absolute" else level
-        require_number("level", full, _SOFTEST_SCALE, wanted=wanted, unit=" Pa")
+            raise OptionError(f"level is {level!r}: {hint}")
+        full_scale = FULL_SCALE if level == "absolute" else level
+        require_number("level", full_scale, _SOFTEST_SCALE, hint=hint, unit=" Pa")
         if not self.calibrated:
             raise OptionError(
                 "this sound is relative, so it has no absolute level: save with level='peak', or "
                 "render a model that is calibrated"
             )
-        return 1 / float(full)
+        return 1 / float(full_scale)
 
     def _repr_html_(self) -> str:
         data = base64.b64encode(self.encoded(self._factor("peak"), encoding="int16")).decode()
@@ -236,14 +237,14 @@ _LEVEL_PATTERN = re.compile(r"struck: samples are pressure \((Pa|relative)\) tim
 
 def _read_level(comment: str) -> tuple[float, bool]:
     """Return the factor from samples to Pa in a WAV file's comment, and whether it is in Pa."""
-    found = _LEVEL_PATTERN.fullmatch(comment)
+    match = _LEVEL_PATTERN.fullmatch(comment)
     try:
-        factor = float(found[2]) if found else 1.0
+        factor = float(match[2]) if match else 1.0
     except ValueError:
         return 1.0, False
     if not (np.isfinite(factor) and factor > 0):
         return 1.0, False
-    return factor, found is not None and found[1] == "Pa"
+    return factor, match is not None and match[1] == "Pa"
 
 
 _LONGEST_WINDOW = 60.0  # s
@@ -251,8 +252,8 @@ _LONGEST_WINDOW = 60.0  # s
 
 def _samples(sound: Sound, **seconds: float) -> int:
     ((name, value),) = seconds.items()
-    wanted = "it must hold at least one sample"
-    require_number(name, value, 1 / sound.sample_rate, _LONGEST_WINDOW, wanted=wanted, unit=" s")
+    hint = "it must hold at least one sample"
+    require_number(name, value, 1 / sound.sample_rate, _LONGEST_WINDOW, hint=hint, unit=" s")
     return round(value * sound.sample_rate)
 
 

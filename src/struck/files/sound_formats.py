@@ -34,7 +34,7 @@ ENDINGS = tuple(_FORMATS)
 
 
 def chosen(path: str | os.PathLike[str], encoding: str | None = None) -> tuple[str, str]:
-    """Return the ending of a sound file and its encoding, the format's best unless given.
+    """Return the ending of a sound file and its encoding, by default the format's best.
 
     Raises
     ------
@@ -68,8 +68,8 @@ def encoded(recording: wav.Recording, ending: str, encoding: str) -> bytes:
     samples = recording.samples.astype(np.float64)
     peak, bits = float(np.abs(samples).max(initial=0.0)), {"int24": 24, "int16": 16}
     if encoding in bits:  # rounded as in WAV files, so that both hold the same numbers
-        full = 2.0 ** (bits[encoding] - 1)
-        samples = np.rint(samples * full) / full
+        full_scale = 2.0 ** (bits[encoding] - 1)
+        samples = np.rint(samples * full_scale) / full_scale
     if encoding != "float32" and peak > 1 - 2.0**-15:
         raise OptionError(
             f"the peak is {rounded(peak, 4)} times full scale, which {name} would clip: save with "
@@ -89,10 +89,10 @@ def encoded(recording: wav.Recording, ending: str, encoding: str) -> bytes:
                 file.comment = recording.comment
             file.write(samples.T)
     except RuntimeError as error:
-        why = re.sub("Error opening <.*?>: |Error : ", "", str(error)).rstrip(".")
+        reason = re.sub("Error opening <.*?>: |Error : ", "", str(error)).rstrip(".")
         raise OptionError(
-            f"{name} does not take {len(samples)} channels at {recording.sample_rate} Hz ({why}):"
-            " give one or two at 44100 or 48000 Hz, or end the file in .wav"
+            f"{name} does not take {len(samples)} channels at {recording.sample_rate} Hz "
+            f"({reason}): give one or two at 44100 or 48000 Hz, or end the file in .wav"
         ) from error
     return data.getvalue()
 
@@ -107,7 +107,9 @@ def decoded(data: bytes, ending: str, name: str = "the file") -> wav.Recording:
             samples: NDArray[np.float32] = file.read(dtype="float32", always_2d=True).T
             rate, comment = int(file.samplerate), str(file.comment)
     except RuntimeError as error:
-        raise FileFormatError(f"{name} cannot be read as a sound ({error}): copy it anew") from None
+        raise FileFormatError(
+            f"{name} cannot be read as a sound ({error}): copy it again"
+        ) from None
     return wav.Recording(samples=np.ascontiguousarray(samples), sample_rate=rate, comment=comment)
 
 

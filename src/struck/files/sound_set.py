@@ -20,11 +20,16 @@ from struck.model.arrays import checked, require_number
 
 TABLE = "set.csv"
 # dB, within which a file keeps the level of its sound; coders leave out what is not heard.
-_KEPT, _CODED = 0.1, 1.0
+_LEVEL_TOLERANCE, _CODED_TOLERANCE = 0.1, 1.0
 _OF_A_STRIKE = ("at", "striker", "speed", "impulse", "direction")
-# Columns of strikes that are written where one was given, and their values unless given.
-_GIVEN: dict[str, Any] = {"energy": None, "duration": None, "shape": "half-sine", "listener": None}
-_GIVEN |= dict.fromkeys(("patch", "transient", "time", "seed"), 0)
+# Columns of strikes that are written if one has a value, and their defaults.
+_OPTIONAL_COLUMNS: dict[str, Any] = {
+    "energy": None,
+    "duration": None,
+    "shape": "half-sine",
+    "listener": None,
+}
+_OPTIONAL_COLUMNS |= dict.fromkeys(("patch", "transient", "time", "seed"), 0)
 OF_A_SOUND = ("file", "seconds", "peak", "unit", "level_db", "full_scale")
 _NAME = re.compile(r"[^\\/:*?\"<>|\x00-\x1f]{1,120}")
 
@@ -53,7 +58,7 @@ def save_set(
     level : float, optional
         Pressure that is full scale, Pa; else the loudest peak is 1 dB below it.
     encoding : str, optional
-        "float32" (unless given, where the format has it), "int24" or "int16".
+        "float32", "int24" or "int16". Default: "float32" where the format has it.
     ending : str
         ".wav", ".flac", ".ogg", ".aiff" or ".mp3".
 
@@ -71,21 +76,23 @@ def save_set(
     FileFormatError
         When the folder cannot be made or written.
     """
-    given: Any = sounds.items() if isinstance(sounds, Mapping) else sounds
-    pairs: list[tuple[str, Sound]] = _pairs(given)
+    items: Any = sounds.items() if isinstance(sounds, Mapping) else sounds
+    pairs: list[tuple[str, Sound]] = _pairs(items)
     require_names([name for name, _ in pairs])
-    every = [sound for _, sound in pairs]
-    if len({sound.calibrated for sound in every}) > 1:
+    sound_list = [sound for _, sound in pairs]
+    if len({sound.calibrated for sound in sound_list}) > 1:
         raise OptionError("some sounds are in Pa and some relative: save them as two sets")
-    if strikes and len(strikes) != len(every):
-        raise OptionError(f"{len(strikes)} strikes and {len(every)} sounds: give one for each")
+    if strikes and len(strikes) != len(sound_list):
+        raise OptionError(f"{len(strikes)} strikes and {len(sound_list)} sounds: give one for each")
     if level is None:
-        level = max(sound.peak for sound in every) / PEAK or 1.0
-    require_number("level", level, above=True, wanted="give a pressure above 0", unit=" Pa")
-    written = Path(f"sound{ending if ending.startswith('.') else f'.{ending}'}")
-    suffix, how = chosen(written, encoding)
-    files = {f"{name}{suffix}": sound.encoded(1 / level, suffix, how) for name, sound in pairs}
-    _require_levels(files, every, level, how)
+        level = max(sound.peak for sound in sound_list) / PEAK or 1.0
+    require_number("level", level, above=True, hint="give a pressure above 0", unit=" Pa")
+    example = Path(f"sound{ending if ending.startswith('.') else f'.{ending}'}")
+    suffix, sound_encoding = chosen(example, encoding)
+    files = {
+        f"{name}{suffix}": sound.encoded(1 / level, suffix, sound_encoding) for name, sound in pairs
+    }
+    _require_levels(files, sound_list, level, sound_encoding)
     try:
         Path(folder).mkdir(exist_ok=True)
     except (OSError, ValueError) as error:
@@ -96,24 +103,24 @@ def save_set(
     for file, data in files.items():
         write_bytes(Path(folder) / file, data)
     rows = []
-    for (name, sound), told in zip(pairs, _columns(strikes or [None] * len(pairs)), strict=True):
+    for (name, sound), columns in zip(pairs, _columns(strikes or [None] * len(pairs)), strict=True):
         unit = "Pa" if sound.calibrated else "relative"
-        below = 20 * float(np.log10(sound.peak / level)) if sound.peak else None
-        values = (f"{name}{suffix}", sound.duration, sound.peak, unit, below, level)
+        peak_level = 20 * float(np.log10(sound.peak / level)) if sound.peak else None
+        values = (f"{name}{suffix}", sound.duration, sound.peak, unit, peak_level, level)
         file, *others = zip(OF_A_SOUND, values, strict=True)
-        rows.append({"name": name, **dict([file]), **told, **dict(others)})
+        rows.append({"name": name, **dict([file]), **columns, **dict(others)})
     text = io.StringIO(newline="")
     csv.writer(text, lineterminator="\n").writerows([rows[0], *(row.values() for row in rows)])
     write_bytes(Path(folder) / TABLE, text.getvalue().encode())
     return rows
 
 
-def _pairs(given: Any) -> list[tuple[str, Sound]]:  # noqa: ANN401 - a mapping or pairs, checked here
-    pairs = list(given) if isinstance(given, Iterable) else [given]
-    for each in pairs:
-        named = isinstance(each, tuple | list) and len(each) == 2
-        if not (named and isinstance(each[0], str) and isinstance(each[1], Sound)):
-            raise ArgumentError(f"sounds hold {article(type(each).__name__)}: give {{name: Sound}}")
+def _pairs(sounds: Any) -> list[tuple[str, Sound]]:  # noqa: ANN401 - a mapping or pairs, checked here
+    pairs = list(sounds) if isinstance(sounds, Iterable) else [sounds]
+    for pair in pairs:
+        is_pair = isinstance(pair, tuple | list) and len(pair) == 2
+        if not (is_pair and isinstance(pair[0], str) and isinstance(pair[1], Sound)):
+            raise ArgumentError(f"sounds hold {article(type(pair).__name__)}: give {{name: Sound}}")
     return pairs
 
 
@@ -121,17 +128,17 @@ def require_names(names: Sequence[str], kind: str = "sound", table: str = "") ->
     """Refuse names that no file can have, and two of one name, by the numbers of their rows."""
     if not names:
         raise OptionError("there are 0 sounds: give at least one, by its name")
-    taken: dict[str, int] = {}
+    numbers: dict[str, int] = {}
     for number, name in enumerate(names, start=1):
-        where = f"{kind} {number}{table}"
+        row = f"{kind} {number}{table}"
         if not _NAME.fullmatch(name) or name != name.strip(". "):
             raise OptionError(
-                f"no file can be called {name!r}, as {where} is: give 1 to 120 letters, without /"
+                f"no file can be called {name!r}, as {row} is: give 1 to 120 letters, without /"
             )
-        first = taken.setdefault(name.casefold(), number)
+        first = numbers.setdefault(name.casefold(), number)
         if first != number:
             raise OptionError(
-                f"{kind} {first} is called {names[first - 1]!r} and {where} {name!r}, which are "
+                f"{kind} {first} is called {names[first - 1]!r} and {row} {name!r}, which are "
                 "one file: rename one of them"
             )
 
@@ -143,36 +150,40 @@ def _require_levels(
     if encoding == "float32":
         return
     for (file, data), sound in zip(files.items(), sounds, strict=True):
-        kept = decoded(data, Path(file).suffix, file).samples.astype(np.float64) * level
-        before, after = (
-            float(np.sum(np.square(each, dtype=np.float64))) for each in (sound.samples, kept)
+        samples = decoded(data, Path(file).suffix, file).samples.astype(np.float64) * level
+        energy, coded_energy = (
+            float(np.sum(np.square(values, dtype=np.float64)))
+            for values in (sound.samples, samples)
         )
-        off = 10 * np.log10(max(after, 1e-300) / before) if before else 0.0
-        most = _CODED if Path(file).suffix in {".ogg", ".mp3"} else _KEPT
-        if abs(off) > most:
-            below = 20 * np.log10(level / sound.peak)
-            change = (
-                f"change its level by {rounded(off, 3, sign=True)} dB, more than {rounded(most)}"
-            )
+        change_db = 10 * np.log10(max(coded_energy, 1e-300) / energy) if energy else 0.0
+        tolerance = _CODED_TOLERANCE if Path(file).suffix in {".ogg", ".mp3"} else _LEVEL_TOLERANCE
+        if abs(change_db) > tolerance:
+            depth = 20 * np.log10(level / sound.peak)
+            decibels = rounded(change_db, 3, sign=True)
+            change = f"change its level by {decibels} dB, more than {rounded(tolerance)}"
+            loss = change if coded_energy else "leave silence of it"
             raise OptionError(
-                f"{file} peaks {below:.1f} dB below full scale ({rounded(level, 3)} Pa), and "
-                f"{encoding} would {change if after else 'leave silence of it'}: save the set as "
-                "WAV in float32, which holds any level, or its soft and its loud sounds as two "
-                "sets"
+                f"{file} peaks {depth:.1f} dB below full scale ({rounded(level, 3)} Pa), and "
+                f"{encoding} would {loss}: save the set as WAV in float32, which holds any level, "
+                "or its soft and its loud sounds as two sets"
             )
 
 
 def _columns(strikes: Sequence[Any]) -> list[dict[str, Any]]:
     """Return the columns of strikes, numbers of a place with spaces between."""
     rows = []
-    for each in strikes:
-        strike, listener = each if isinstance(each, tuple) else (each, None)
-        told: dict[str, Any] = dict.fromkeys(_OF_A_STRIKE) | _GIVEN
-        told = {name: getattr(strike, name, usual) for name, usual in told.items()}
-        told["listener"] = listener
-        for name, value in told.items():
-            several = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
-            told[name] = " ".join(f"{float(n)!r}" for n in value) if several else value
-        rows.append(told)
-    idle = {name for name, unsaid in _GIVEN.items() if all(row[name] == unsaid for row in rows)}
-    return [{name: row[name] for name in row if name not in idle} for row in rows]
+    for item in strikes:
+        strike, listener = item if isinstance(item, tuple) else (item, None)
+        columns: dict[str, Any] = dict.fromkeys(_OF_A_STRIKE) | _OPTIONAL_COLUMNS
+        columns = {name: getattr(strike, name, default) for name, default in columns.items()}
+        columns["listener"] = listener
+        for name, value in columns.items():
+            is_sequence = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
+            columns[name] = " ".join(f"{float(n)!r}" for n in value) if is_sequence else value
+        rows.append(columns)
+    unused_names = {
+        name
+        for name, default in _OPTIONAL_COLUMNS.items()
+        if all(row[name] == default for row in rows)
+    }
+    return [{name: row[name] for name in row if name not in unused_names} for row in rows]

@@ -53,9 +53,9 @@ def decode(data: bytes, name: str = "the file") -> Recording:
     if len(data) < 12 or data[:4] != b"RIFF" or data[8:12] != b"WAVE":
         raise FileFormatError(f"{name} is not a WAV file: convert it to one")
     chunks = dict(_chunks(data, name))
-    for wanted in (b"fmt ", b"data"):
-        if wanted not in chunks:
-            raise FileFormatError(f"{name} has no {wanted.decode()!r} chunk: it is cut short")
+    for chunk in (b"fmt ", b"data"):
+        if chunk not in chunks:
+            raise FileFormatError(f"{name} has no {chunk.decode()!r} chunk: it is cut short")
     encoding, channels, sample_rate = _read_format(chunks[b"fmt "], name)
     samples = _unpack(chunks[b"data"], encoding, channels, name)
     return Recording(
@@ -83,16 +83,16 @@ def _format_chunk(channels: int, sample_rate: int, encoding: str) -> bytes:
 def _pack(frames: NDArray[np.float32], encoding: str) -> bytes:
     if encoding == "float32":
         return frames.astype("<f4").tobytes()
-    full = 2 ** (_BITS[encoding] - 1)
-    integers = np.rint(frames.astype(np.float64) * full)
-    if integers.size and not (-full <= integers.min() and integers.max() < full):
+    full_scale = 2 ** (_BITS[encoding] - 1)
+    integers = np.rint(frames.astype(np.float64) * full_scale)
+    if integers.size and not (-full_scale <= integers.min() and integers.max() < full_scale):
         peak = float(np.abs(frames).max())
         raise OptionError(
             f"the peak is {rounded(peak, 4)} times full scale, which {encoding} would clip: "
             "save with encoding='float32', or with level='peak'"
         )
-    packed = np.ascontiguousarray(integers.astype("<i4"))
-    return packed.view(np.uint8).reshape(-1, 4)[:, : _BITS[encoding] // 8].tobytes()
+    values = np.ascontiguousarray(integers.astype("<i4"))
+    return values.view(np.uint8).reshape(-1, 4)[:, : _BITS[encoding] // 8].tobytes()
 
 
 def _chunks(data: bytes, name: str) -> Iterator[tuple[bytes, bytes]]:

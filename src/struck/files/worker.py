@@ -19,7 +19,7 @@ from struck.errors import MeshError, MissingDependencyError
 from struck.files.messages import OUT_OF_MEMORY, ReadingLimits, read_frame, write_frame
 from struck.model.arrays import AnyArray
 
-_GRACE = 2.0  # s, after which a question ends the process if nobody else does
+_GRACE = 2.0  # s, after which a question ends the process if its parent has not
 
 Answer = tuple[dict[str, Any], list[AnyArray]]
 
@@ -48,7 +48,7 @@ def main() -> None:
 
 
 def _give(seconds: float) -> None:
-    """End this process after so much processor time from now on; 0 is no end."""
+    """End this process after `seconds` of processor time from now on; 0 for no limit."""
     if hasattr(signal, "setitimer"):
         # By the system itself: compiled code would not let Python end it.
         signal.signal(signal.SIGPROF, signal.SIG_DFL)
@@ -61,9 +61,9 @@ def _confine(memory: int) -> None:
         import resource
 
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        hard = resource.getrlimit(resource.RLIMIT_AS)[1]
-        bound = memory if hard == resource.RLIM_INFINITY else min(memory, hard)
-        resource.setrlimit(resource.RLIMIT_AS, (bound, bound))
+        hard_limit = resource.getrlimit(resource.RLIMIT_AS)[1]
+        limit_bytes = memory if hard_limit == resource.RLIM_INFINITY else min(memory, hard_limit)
+        resource.setrlimit(resource.RLIMIT_AS, (limit_bytes, limit_bytes))
 
 
 def _answer(question: dict[str, Any], limits: ReadingLimits) -> Answer:
@@ -79,18 +79,18 @@ def _answer(question: dict[str, Any], limits: ReadingLimits) -> Answer:
 def _surface(path: Path, limits: ReadingLimits) -> Answer:
     from struck.files.mesh_formats import parse
 
-    found = parse(path, limits)
-    arrays = [array for part in found.parts for array in (part.points, part.faces)]
-    names = [part.name for part in found.parts]
-    return {"kind": found.kind, "names": names, "beside": found.beside}, arrays
+    mesh = parse(path, limits)
+    arrays = [array for part in mesh.parts for array in (part.points, part.faces)]
+    names = [part.name for part in mesh.parts]
+    return {"kind": mesh.kind, "names": names, "beside": mesh.beside}, arrays
 
 
 def _volume(path: Path, limits: ReadingLimits) -> Answer:
     from struck.files.mesh_formats import read_blocks
 
-    found = read_blocks(path, limits)
-    arrays = [found.nodes, *(cells for _, cells in found.cells)]
-    return {"kinds": [kind for kind, _ in found.cells]}, arrays
+    mesh = read_blocks(path, limits)
+    arrays = [mesh.nodes, *(cells for _, cells in mesh.cells)]
+    return {"kinds": [kind for kind, _ in mesh.cells]}, arrays
 
 
 _TASKS: dict[str, Callable[[Path, ReadingLimits], Answer]] = {

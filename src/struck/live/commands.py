@@ -173,7 +173,7 @@ class Host:
     def _sample(self, moment: float) -> int:
         """Return the sample of a moment on the player's clock, s."""
         wanted = "give seconds on the player's clock, player.now and later"
-        require_number("moment", moment, 0.0, LAST_MOMENT, wanted=wanted)
+        require_number("moment", moment, 0.0, LAST_MOMENT, hint=wanted)
         return round(moment * self._rate)
 
     def start(self, body: int, excitation: Excitation) -> Started:

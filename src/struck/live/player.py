@@ -472,7 +472,7 @@ class Player:
 
 def _require_volume(decibels: float) -> None:
     wanted = f"it must lie from {QUIETEST:g} to {LOUDEST:g} dB"
-    require_number("volume", decibels, QUIETEST, LOUDEST, wanted=wanted)
+    require_number("volume", decibels, QUIETEST, LOUDEST, hint=wanted)
 
 
 def _sounding(models: Sequence[ModalModel] | Scene) -> dict[str, Body]:

@@ -1,8 +1,8 @@
 """Arrays and other arguments: short names for annotations, and checks of the values given.
 
-`checked` compares what a public name is given with its annotations: whoever gives text for a
-number, or a path for a material, learns it from the argument's name, not from an error deep in the
-work. Bounds are checked by the names themselves, where they are known.
+`checked` compares the arguments of a public name with its annotations: text for a number, or a
+path for a material, is refused with the argument's name, before an error deep in the work. Bounds
+are checked by the names themselves, where they are known.
 """
 
 from __future__ import annotations
@@ -55,15 +55,15 @@ def numbers(
 
 def _shown(value: object) -> str:
     text = "a number of more than 300 digits" if _is_huge(value) else repr(value)
-    if len(text) < _LONGEST_SHOWN:
+    if len(text) < _MAX_TEXT_LENGTH:
         return text
     return f"{article(type(value).__name__)} that begins {text[:20]}"
 
 
-_LONGEST_SHOWN = 60  # characters of a value in a message
-_FEW = 9  # numbers of an array that are shown one by one
+_MAX_TEXT_LENGTH = 60  # characters of a value in a message
+_MAX_LISTED_NUMBERS = 9  # numbers of an array that are shown one by one
 _ARRAYS = {"Array", "Index", "Mask", "Complex", "AnyComplex", "Single", "NDArray", "ArrayLike"}
-_MOST = 1e100  # of a number: its square, and sums of such, are finite
+_MAX_MAGNITUDE = 1e100  # of a number: its square, and sums of such, are finite
 
 
 def require_numbers(
@@ -74,7 +74,7 @@ def require_numbers(
     least: float | None = None,
     gaps: bool = False,
 ) -> None:
-    """Refuse all but an array of numbers of that shape, none so large that a square overflows.
+    """Require an array of numbers of that shape, none so large that a square overflows.
 
     With `gaps` some may be NaN or infinite.
     """
@@ -92,18 +92,18 @@ def require_numbers(
     if not gaps and array.dtype.kind in "fc":
         flat = array.reshape(-1)
         with np.errstate(all="ignore"):
-            total = np.vdot(flat, flat).real  # one pass that takes no memory
-        if not float(total) <= _MOST**2:
+            energy = np.vdot(flat, flat).real  # one pass that takes no memory
+        if not float(energy) <= _MAX_MAGNITUDE**2:
             _refuse_beyond(name, array)
 
 
 def _refuse_beyond(name: str, array: Array) -> None:
     """Refuse numbers that are not finite or beyond `_MOST`."""
-    wrong = array[~(np.abs(array).astype(np.float64) <= _MOST)]
-    if wrong.size:
+    bad_numbers = array[~(np.abs(array).astype(np.float64) <= _MAX_MAGNITUDE)]
+    if bad_numbers.size:
         raise OptionError(
-            f"{name}: {wrong.size} of {array.size} numbers are not finite or beyond "
-            f"{rounded(_MOST)}, as {wrong[0]}: leave those out"
+            f"{name}: {bad_numbers.size} of {array.size} numbers are not finite or beyond "
+            f"{rounded(_MAX_MAGNITUDE)}, as {bad_numbers[0]}: leave those out"
         )
 
 
@@ -111,17 +111,17 @@ def require_number(
     name: str,
     value: object,
     least: float = 0.0,
-    most: float = _MOST,
+    most: float = _MAX_MAGNITUDE,
     *,
-    wanted: str = "it must be a finite number of at least 0",
+    hint: str = "it must be a finite number of at least 0",
     above: bool = False,
     whole: bool = False,
     unit: str = "",
     error: type[StruckError] = OptionError,
 ) -> None:
-    """Refuse all but a number from `least` (with `above`: above it) to `most`.
+    """Require a number from `least` (excluded if `above`) to `most`.
 
-    `wanted` says what belongs there, for numbers that are not `least` or not finite.
+    `hint` ends the message about numbers below `least` and about those that are not finite.
     """
     if not isinstance(value, Real):
         raise ArgumentError(f"{name} is {value!r}: give a number{unit and ' in' + unit}")
@@ -129,20 +129,20 @@ def require_number(
         number = float(value)
     except OverflowError:  # whole numbers have no end, and no text beyond 4,300 digits
         number = value = math.inf
-    within = least < number if above else least <= number
-    if not within or number == math.inf or (whole and number % 1):
-        raise error(f"{name} is {value}{unit}: {wanted}")
+    is_within = least < number if above else least <= number
+    if not is_within or number == math.inf or (whole and number % 1):
+        raise error(f"{name} is {value}{unit}: {hint}")
     if number > most:
         raise error(f"{name} is {rounded(number)}{unit}: it must be at most {rounded(most)}")
 
 
 def require_sample_rate(sample_rate: float, *, whole: bool = False, least: float = 1.0) -> None:
-    """Refuse all but a number of samples a second that a sound may have."""
-    wanted = f"give a {'whole' if whole else 'positive'} one, as 48000"
-    require_number("sample rate", sample_rate, least, 1e6, whole=whole, wanted=wanted, unit=" Hz")
+    """Require a sample rate that a sound may have, Hz."""
+    hint = f"give a {'whole' if whole else 'positive'} one, as 48000"
+    require_number("sample rate", sample_rate, least, 1e6, whole=whole, hint=hint, unit=" Hz")
 
 
-# What the annotations of public names ask for, checked before anything is made.
+# Types of arguments by annotations of public names, checked before any work.
 
 Made = TypeVar("Made", bound=Callable[..., Any])
 # A kind of argument: a test of a value, and the words by which messages name the kind.
@@ -163,7 +163,7 @@ _HINTS = {
     ("up", "text"): ", as up='z'",
     ("lowest", "a number"): ", of one note: call it once for each of several",
 }
-_BOUND = {"self", "cls"}  # what nobody gives
+_BOUND_NAMES = {"self", "cls"}  # bound by Python
 _BITS = 1023  # of the largest whole number that fits one of double precision
 
 
@@ -179,115 +179,128 @@ def checked(made: Made) -> Made:
         return _refusing(made, made.__name__.removesuffix("_recordings"))  # as in `struck`
     kind: Any = made
     kind.__init__ = _refusing(kind.__init__, kind.__name__)
-    own = getattr(kind, "__dataclass_fields__", {})
-    if any(_ARRAYS & set(re.findall(r"\w+", str(each.type))) for each in own.values()):
+    fields_by_name = getattr(kind, "__dataclass_fields__", {})
+    if any(_ARRAYS & set(re.findall(r"\w+", str(field.type))) for field in fields_by_name.values()):
         kind.__repr__ = brief
     return kind
 
 
 def brief(self: Any) -> str:  # noqa: ANN401 - any dataclass
     """Return an object of a dataclass in a line: arrays by their shapes, large parts by name."""
-    parts = [f"{each.name}={_part(getattr(self, each.name))}" for each in fields(self) if each.repr]
+    parts = [
+        f"{field.name}={_part(getattr(self, field.name))}" for field in fields(self) if field.repr
+    ]
     return f"{type(self).__name__}({', '.join(parts)})"
 
 
 def _part(value: Any) -> str:  # noqa: ANN401 - any object
     if isinstance(value, np.ndarray):
-        return f"array {value.shape}" if value.size > _FEW else str(value.tolist())
+        return f"array {value.shape}" if value.size > _MAX_LISTED_NUMBERS else str(value.tolist())
     text = repr(value)
-    if len(text) < 2 * _LONGEST_SHOWN and "\n" not in text:
+    if len(text) < 2 * _MAX_TEXT_LENGTH and "\n" not in text:
         return text
-    many = f" of {len(value)}" if hasattr(value, "__len__") else ""
-    return f"{type(value).__name__}{many}"
+    length_text = f" of {len(value)}" if hasattr(value, "__len__") else ""
+    return f"{type(value).__name__}{length_text}"
 
 
 def _refusing(function: Any, whose: str) -> Any:  # noqa: ANN401 - any function
     code = function.__code__
     names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
-    open_ended = code.co_flags & (inspect.CO_VARARGS | inspect.CO_VARKEYWORDS)
-    usual = {*(function.__kwdefaults__ or ())}
-    usual |= {*names[code.co_argcount - len(function.__defaults__ or ()) : code.co_argcount]}
-    needed = {*names} - usual - {"self"}
+    has_variadic = code.co_flags & (inspect.CO_VARARGS | inspect.CO_VARKEYWORDS)
+    optional_names = {*(function.__kwdefaults__ or ())}
+    optional_names |= {
+        *names[code.co_argcount - len(function.__defaults__ or ()) : code.co_argcount]
+    }
+    required_names = {*names} - optional_names - {"self"}
 
     @functools.cache
     def sorts() -> dict[str, tuple[Sort, ...]]:
         module = vars(sys.modules[function.__module__])
-        told = {name: str(function.__annotations__.get(name, "Any")) for name in names}
-        return {name: _sorts(text, module) for name, text in told.items()}
+        annotations = {name: str(function.__annotations__.get(name, "Any")) for name in names}
+        return {name: _sorts(text, module) for name, text in annotations.items()}
 
     @functools.wraps(function)
-    def refusing(*given: Any, **named: Any) -> Any:  # noqa: ANN401 - as the function
-        known = sorts()
-        if not open_ended and (len(given) > code.co_argcount or not named.keys() <= known.keys()):
-            refuse_names(whose, code.co_argcount, names, given, named)
-        for name, value in zip(names, given, strict=False):
-            _require_sort(name, value, known[name], whose)
-        for name, value in named.items():
-            _require_sort(name, value, known.get(name, ()), whose)
-        if needed and (lacking := needed.difference(names[: len(given)], named)):
-            told = ", ".join(f"{name}=" for name in names if name in lacking)
-            raise ArgumentError(f"{whose} was not given {told}: {_taken(names)}")
-        return function(*given, **named)
+    def refusing(*arguments: Any, **keywords: Any) -> Any:  # noqa: ANN401 - as the function
+        sorts_by_name = sorts()
+        if not has_variadic and (
+            len(arguments) > code.co_argcount or not keywords.keys() <= sorts_by_name.keys()
+        ):
+            refuse_names(whose, code.co_argcount, names, arguments, keywords)
+        for name, value in zip(names, arguments, strict=False):
+            _require_sort(name, value, sorts_by_name[name], whose)
+        for name, value in keywords.items():
+            _require_sort(name, value, sorts_by_name.get(name, ()), whose)
+        if required_names and (
+            lacking := required_names.difference(names[: len(arguments)], keywords)
+        ):
+            missing = ", ".join(f"{name}=" for name in names if name in lacking)
+            raise ArgumentError(f"{whose} was not given {missing}: {_taken(names)}")
+        return function(*arguments, **keywords)
 
     return refusing
 
 
 def _taken(names: Sequence[str]) -> str:
-    return "it takes " + ", ".join(f"{name}=" for name in names if name not in _BOUND)
+    return "it takes " + ", ".join(f"{name}=" for name in names if name not in _BOUND_NAMES)
 
 
 def refuse_names(
-    whose: str, first: int, names: Sequence[str], given: Sequence[Any], named: Mapping[str, Any]
+    whose: str,
+    count: int,
+    names: Sequence[str],
+    arguments: Sequence[Any],
+    keywords: Mapping[str, Any],
 ) -> None:
     """Refuse arguments beyond the `first` without a name, or of names that a function lacks."""
-    if len(given) > first:
-        pairs = zip(names[first:], given[first:], strict=False)
-        told = ", ".join(f"{name}={_shown(value)}" for name, value in pairs)
+    if len(arguments) > count:
+        pairs = zip(names[count:], arguments[count:], strict=False)
+        text = ", ".join(f"{name}={_shown(value)}" for name, value in pairs)
         raise ArgumentError(
-            f"{whose} was given {_shown(given[first])} without a name: give "
-            f"{whose}({'..., ' * (first > (names[0] in _BOUND))}{told})"
+            f"{whose} was given {_shown(arguments[count])} without a name: give "
+            f"{whose}({'..., ' * (count > (names[0] in _BOUND_NAMES))}{text})"
         )
-    unknown = next(name for name in named if name not in names)
+    unknown = next(name for name in keywords if name not in names)
+    suggestion = nearest(unknown, [name for name in names if name not in _BOUND_NAMES], "{}=")
     raise ArgumentError(
-        f"{whose} has no {unknown}= (given as {_shown(named[unknown])}): "
-        f"{nearest(unknown, [name for name in names if name not in _BOUND], '{}=')}{_taken(names)}"
+        f"{whose} has no {unknown}= (given as {_shown(keywords[unknown])}): "
+        f"{suggestion}{_taken(names)}"
     )
 
 
 def _require_sort(name: str, value: object, sorts: tuple[Sort, ...], whose: str) -> None:
     if not sorts or any(fits(value) for fits, _ in sorts):
         return
-    wanted = " or ".join(dict.fromkeys(text for _, text in sorts))
+    kinds = " or ".join(dict.fromkeys(text for _, text in sorts))
     if name in {"impulse", "speed", "force"} and np.shape(np.asarray(value, object)) == (3,):
-        wanted += f"; {name}= says how hard, and direction= says which way"
-    if (name, wanted.partition(" or ")[0]) in _HINTS:
-        wanted += _HINTS[name, wanted.partition(" or ")[0]].format(value)
-    path = isinstance(value, str | os.PathLike)
-    if path and "a ModalModel" in wanted:
+        kinds += f"; {name}= says how hard, and direction= says which way"
+    if (name, kinds.partition(" or ")[0]) in _HINTS:
+        kinds += _HINTS[name, kinds.partition(" or ")[0]].format(value)
+    is_path = isinstance(value, str | os.PathLike)
+    if is_path and "a ModalModel" in kinds:
         load = f", as struck.load({_shown(value)})"
-        wanted += "; give it first, and then the path" if whose == "save" else load
+        kinds += "; give it first, and then the path" if whose == "save" else load
     elif whose == "save" and hasattr(value, "save"):
-        wanted += f"; {article(type(value).__name__)} has its own save(path)"
-    raise ArgumentError(f"{name} is {_shown(value)}: {whose} takes {wanted}")
+        kinds += f"; {article(type(value).__name__)} has its own save(path)"
+    raise ArgumentError(f"{name} is {_shown(value)}: {whose} takes {kinds}")
 
 
 def _sorts(annotation: str, module: Mapping[str, Any]) -> tuple[Sort, ...]:
     """Return the kinds of value that an annotation allows; none if it allows any."""
     if annotation.startswith("InitVar["):
         annotation = annotation[len("InitVar[") : -1]
-    found = [_sort(each, module) for each in _alternatives(annotation)]
-    return tuple(each for each in found if each) if all(found) else ()
+    sorts = [_sort(part, module) for part in _alternatives(annotation)]
+    return tuple(sort for sort in sorts if sort) if all(sorts) else ()
 
 
 def _alternatives(annotation: str) -> Iterator[str]:
     """Yield the parts of a union."""
-    depth, begun = 0, 0
-    for place, letter in enumerate(annotation):
+    depth, start = 0, 0
+    for position, letter in enumerate(annotation):
         depth += (letter in "[(") - (letter in "])")
         if letter == "|" and not depth:
-            yield annotation[begun:place].strip()
-            begun = place + 1
-    yield annotation[begun:].strip()
+            yield annotation[start:position].strip()
+            start = position + 1
+    yield annotation[start:].strip()
 
 
 def _sort(annotation: str, module: Mapping[str, Any]) -> Sort | None:
@@ -307,19 +320,19 @@ def _sort(annotation: str, module: Mapping[str, Any]) -> Sort | None:
 
 def _tuple_of(inner: str) -> Sort:
     """Return the test that an argument passes as a list, of numbers where the tuple holds them."""
-    listed, kinds = _list_of(())[0], set(inner.split(", "))
+    is_listed, kinds = _list_of(())[0], set(inner.split(", "))
     if not kinds <= _OF_NUMBERS:
-        return listed, "a list"
+        return is_listed, "a list"
     count = "" if "..." in kinds else f"{inner.count(',') + 1} "
-    return (lambda value: listed(value) and _is_numbers(value)), f"{count}numbers"
+    return (lambda value: is_listed(value) and _is_numbers(value)), f"{count}numbers"
 
 
 def _list_of(inner: tuple[Sort, ...]) -> Sort:
     def fits(value: Any) -> bool:  # noqa: ANN401 - any object
-        listed = isinstance(value, Sequence) and not isinstance(value, str | bytes)
-        if not listed and not (isinstance(value, np.ndarray) and value.ndim):
+        is_listed = isinstance(value, Sequence) and not isinstance(value, str | bytes)
+        if not is_listed and not (isinstance(value, np.ndarray) and value.ndim):
             return False
-        return not inner or all(any(sort(each) for sort, _ in inner) for each in value)
+        return not inner or all(any(sort(item) for sort, _ in inner) for item in value)
 
     return fits, " of ".join(["a list", *(text for _, text in inner[:1])])
 
@@ -327,7 +340,7 @@ def _list_of(inner: tuple[Sort, ...]) -> Sort:
 def _of_kind(kind: Any, name: str) -> Sort | None:  # noqa: ANN401 - any object
     """Return the test that a class, or a union of classes, makes of arguments; None if neither."""
     if isinstance(kind, UnionType):
-        parts = [_of_kind(get_origin(each) or each, each.__name__) for each in get_args(kind)]
+        parts = [_of_kind(get_origin(item) or item, item.__name__) for item in get_args(kind)]
         if not all(parts):
             return None
         texts = " or ".join(part[1] for part in parts if part)

@@ -1,8 +1,8 @@
 """Charts: where the contact coordinates of a recorded body lie in space, in metres.
 
-Recordings know places by coordinates that somebody chose (a height from 0 to 1, a number of
-centimetres, an azimuth), and speed over a body is in metres a second. A chart says how far apart
-two places are: by a pitch, metres a unit of each coordinate, or on a round body by the outline of
+Recordings have contacts by coordinates that the user chose (a height from 0 to 1, a number of
+centimetres, an azimuth), and speed over a body is in metres a second. A chart gives the distance
+of two places: by a pitch, metres a unit of each coordinate, or on a round body by the outline of
 its surface.
 """
 
@@ -32,7 +32,7 @@ class Chart:
     Parameters
     ----------
     pitch : array (D,)
-        Metres a unit of each coordinate. Of an azimuth in rad it is the body's radius.
+        Metres per unit of each coordinate; for an azimuth in rad the body's radius.
     around : bool
         Whether the first coordinate is a height along the z axis and the second, where there is
         one, an azimuth about it, rad.
@@ -102,33 +102,35 @@ class Chart:
         OptionError
             When a pitch is missing, or the surface does not fit.
         """
-        around = round_about is not None
-        told = _pitches(coordinates, pitch, spared=around and geometry is not None)
+        is_round = round_about is not None
+        pitches = _pitches(coordinates, pitch, spared=is_round and geometry is not None)
         outline = None
         if geometry is not None:
             if round_about is None:
                 raise OptionError(
-                    "geometry tells the way over a round body alone, recorded with "
+                    "geometry defines distances on round bodies only, recorded with "
                     "symmetry='axial': give pitch= in metres a unit of "
                     f"{' and of '.join(coordinates)}"
                 )
-            _require_beside(geometry, told[0] * np.array(heights))
+            _require_beside(geometry, pitches[0] * np.array(heights))
             outline = outline_of(geometry, round_about)
-        return cls(pitch=told, around=around, outline=outline)
+        return cls(pitch=pitches, around=is_round, outline=outline)
 
     def places(self, points: Array) -> Array:
         """Return the places, m (K, 3), of contacts with coordinates `points` (K, D)."""
-        placed = points * self.pitch
+        positions = points * self.pitch
         flat = np.zeros((len(points), 3))
         if not self.around:
-            flat[:, : placed.shape[1]] = placed
+            flat[:, : positions.shape[1]] = positions
             return flat
-        turned = placed.shape[1] > 1
-        radii = np.full(len(points), self.pitch[1] if turned else 0.0)
+        has_angle = positions.shape[1] > 1
+        radii = np.full(len(points), self.pitch[1] if has_angle else 0.0)
         if self.outline is not None:
-            radii = np.interp(placed[:, 0], *self.outline.T)
-        azimuths = points[:, 1] if turned else np.zeros(len(points))
-        return np.stack([radii * np.cos(azimuths), radii * np.sin(azimuths), placed[:, 0]], axis=1)
+            radii = np.interp(positions[:, 0], *self.outline.T)
+        azimuths = points[:, 1] if has_angle else np.zeros(len(points))
+        return np.stack(
+            [radii * np.cos(azimuths), radii * np.sin(azimuths), positions[:, 0]], axis=1
+        )
 
     def scaled(self, factor: float) -> Chart:
         """Return the chart of the same body `factor` times as large."""
@@ -145,30 +147,30 @@ def outline_of(mesh: Mesh, centre: Array) -> Array:
     heights = np.linspace(low.min(), high.max(), _SLICES)
     radii = np.empty(_SLICES)
     for number, height in enumerate(heights):
-        crossed = (low <= height) & (height <= high)
-        begin, end = edges[crossed].swapaxes(0, 1)
-        rise = end[:, 2] - begin[:, 2]
-        share = np.where(rise > 0, (height - begin[:, 2]) / np.where(rise > 0, rise, 1.0), 1.0)
-        place = begin + share[:, None] * (end - begin)
-        radii[number] = np.hypot(place[:, 0], place[:, 1]).max()
+        is_crossed = (low <= height) & (height <= high)
+        start, end = edges[is_crossed].swapaxes(0, 1)
+        rise = end[:, 2] - start[:, 2]
+        fraction = np.where(rise > 0, (height - start[:, 2]) / np.where(rise > 0, rise, 1.0), 1.0)
+        crossings = start + fraction[:, None] * (end - start)
+        radii[number] = np.hypot(crossings[:, 0], crossings[:, 1]).max()
     return np.stack([heights, radii], axis=1)
 
 
 def _pitches(coordinates: Sequence[str], pitch: ArrayLike | None, *, spared: bool) -> Array:
     """Return metres a unit of each coordinate; `spared`: the second may stay unsaid."""
     count = len(coordinates)
-    needed = coordinates[:1] if spared else coordinates
+    names = coordinates[:1] if spared else coordinates
     if pitch is None:
-        known = Chart.named(needed)
+        known = Chart.named(names)
         if known is None:
             raise OptionError(
-                f"how long a unit of {' and of '.join(needed)} is was not told: give pitch= in "
-                f"metres a unit{' of each' * (len(needed) > 1)}"
+                f"how long a unit of {' and of '.join(names)} is is unknown: give pitch= in "
+                f"metres a unit{' of each' * (len(names) > 1)}"
             )
         given = known.pitch
     else:
         given = numbers("pitch", pitch)
-    given = np.full(len(needed), given) if given.ndim == 0 and len(needed) == 1 else given
+    given = np.full(len(names), given) if given.ndim == 0 and len(names) == 1 else given
     if given.shape == (1,) and count > 1 and spared:
         return np.concatenate([given, np.ones(count - 1)])
     if given.shape != (count,):
@@ -193,8 +195,8 @@ def _require_beside(mesh: Mesh, heights: Array) -> None:
 def _require_outline(outline: Array) -> None:
     if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 2:
         raise OptionError(f"outline has shape {outline.shape}: give heights and radii (n, 2)")
-    finite = np.abs(outline).max() <= _COARSEST  # NaN neither
-    if not finite or np.any(np.diff(outline[:, 0]) <= 0) or np.any(outline[:, 1] < 0):
+    is_finite = np.abs(outline).max() <= _COARSEST  # NaN neither
+    if not is_finite or np.any(np.diff(outline[:, 0]) <= 0) or np.any(outline[:, 1] < 0):
         raise OptionError(
             "outline: heights must ascend and radii be at least 0, all finite, in m: put them right"
         )

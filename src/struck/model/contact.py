@@ -25,7 +25,7 @@ class Contact:
     point : array (3,)
         On the surface, m.
     direction : array (3,)
-        Unit vector of the push; the inward normal unless given.
+        Unit vector of the push. Default: the inward normal.
     normal : array (3,)
         Outward unit normal of the surface there.
     distance : float
@@ -60,10 +60,10 @@ class Contact:
             When it is farther than 2 % of the body's extent, or the direction is no direction.
         """
         push = None if direction is None else _three(direction, "direction")[None]
-        wanted = _three(point, "contact")
-        (nearest,), (way,), (normal,), _ = nearest_contacts(locator, mesh, wanted[None], push)
-        distance = float(np.linalg.norm(nearest - wanted))
-        return cls(point=nearest, direction=way, normal=normal, distance=distance)
+        target = _three(point, "contact")
+        (nearest,), (unit_push,), (normal,), _ = nearest_contacts(locator, mesh, target[None], push)
+        distance = float(np.linalg.norm(nearest - target))
+        return cls(point=nearest, direction=unit_push, normal=normal, distance=distance)
 
     @classmethod
     def recorded(
@@ -113,27 +113,27 @@ def nearest_contacts(
         When one is farther than 2 % of the body's extent, or a direction is no direction.
     """
     lengths, faces, nearest = locator.closest(points)
-    reach, off = _SNAP * mesh.extent, int(np.argmax(lengths))
-    if lengths[off] > reach:
+    reach, worst = _SNAP * mesh.extent, int(np.argmax(lengths))
+    if lengths[worst] > reach:
         raise ContactError(
-            f"the contact {_text(points[off])} is {rounded(lengths[off], 3)} m off the body, more "
-            f"than {rounded(reach, 3)} m: the nearest point is {_text(nearest[off])}"
+            f"the contact {_text(points[worst])} is {rounded(lengths[worst], 3)} m off the body, "
+            f"more than {rounded(reach, 3)} m: the nearest point is {_text(nearest[worst])}"
         )
     normals = mesh.normals_at(faces, nearest)
     if directions is None:
         return nearest, -normals, normals, faces
-    return nearest, np.array([_unit(way) for way in directions]), normals, faces
+    return nearest, np.array([_unit(direction) for direction in directions]), normals, faces
 
 
 def require_recorded(points: Array, lowest: Array, highest: Array) -> None:
     """Refuse contacts (K, D) more than 2 % of a coordinate's range outside of it."""
     reach = _SNAP * (highest - lowest)
-    outside = (points < lowest - reach) | (points > highest + reach)
-    if np.isnan(points).any() or outside.any():
-        wrong = points[np.argmax(outside.any(axis=1))]
-        nearest = np.clip(wrong, lowest, highest)
+    is_outside = (points < lowest - reach) | (points > highest + reach)
+    if np.isnan(points).any() or is_outside.any():
+        bad_point = points[np.argmax(is_outside.any(axis=1))]
+        nearest = np.clip(bad_point, lowest, highest)
         raise ContactError(
-            f"the contact {wrong.tolist()} lies outside of what was recorded: the nearest is "
+            f"the contact {bad_point.tolist()} lies outside of what was recorded: the nearest is "
             f"{nearest.tolist()}"
         )
 
@@ -158,13 +158,15 @@ def located(mesh: Mesh, places: Mapping[str, Array], at: Place, axes: int = 3) -
     if kind == "vertex" and number.isdecimal() and int(number) < len(mesh.points):
         return mesh.points[int(number)]
     if at not in places:
-        more = f", vertex:0 to vertex:{len(mesh.points) - 1}, or a point in m"
-        require_choice("the place", at, (*sorted(places), "loudest"), ContactError, more=more)
+        vertex_hint = f", vertex:0 to vertex:{len(mesh.points) - 1}, or a point in m"
+        require_choice(
+            "the place", at, (*sorted(places), "loudest"), ContactError, more=vertex_hint
+        )
     return places[at]
 
 
 def _choice(coordinates: tuple[str, ...], places: Mapping[str, Array]) -> str:
-    """Return which contacts of a recorded body can be asked for."""
+    """Return the contacts that a recorded body has, in words."""
     names = ", ".join(map(repr, places))
     if not coordinates:
         return (
@@ -176,8 +178,8 @@ def _choice(coordinates: tuple[str, ...], places: Mapping[str, Array]) -> str:
 def _three(values: object, name: str) -> Array:
     array = numbers(name, values, error=ContactError)
     if array.shape != (3,) or not np.isfinite(array).all():
-        told = ", ".join(f"{value:g}" for value in array.ravel()[:6])
-        raise ContactError(f"{name} is ({told}): give three finite numbers x, y, z, in m")
+        text = ", ".join(f"{value:g}" for value in array.ravel()[:6])
+        raise ContactError(f"{name} is ({text}): give three finite numbers x, y, z, in m")
     return array
 
 

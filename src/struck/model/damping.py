@@ -122,27 +122,27 @@ class Measured:
                 object.__setattr__(self, "rates", np.log(1000) / times)
         if not isinstance(self.frequencies, np.ndarray):
             pitches = np.atleast_1d(np.asarray(self.frequencies, object)).ravel()
-            found = in_hertz("frequencies", pitches, error=MaterialError)
-            object.__setattr__(self, "frequencies", found)
+            frequencies = in_hertz("frequencies", pitches, error=MaterialError)
+            object.__setattr__(self, "frequencies", frequencies)
         for name in ("frequencies", "rates"):
-            given = numbers(name, getattr(self, name), error=MaterialError)
-            object.__setattr__(self, name, tuple(np.atleast_1d(given).ravel().tolist()))
+            values = numbers(name, getattr(self, name), error=MaterialError)
+            object.__setattr__(self, name, tuple(np.atleast_1d(values).ravel().tolist()))
         if len(self.frequencies) != len(self.rates) or not self.rates:
             name = "rates" if t60 is None else "t60"
             raise MaterialError(
                 f"there are {len(self.frequencies)} frequencies and {len(self.rates)} of {name}=: "
                 "give as many of both, at least one"
             )
-        finite = np.isfinite((*self.frequencies, *self.rates)).all()
-        if not finite or np.any(np.diff((0.0, *self.frequencies)) <= 0) or min(self.rates) <= 0:
+        is_finite = np.isfinite((*self.frequencies, *self.rates)).all()
+        if not is_finite or np.any(np.diff((0.0, *self.frequencies)) <= 0) or min(self.rates) <= 0:
             raise MaterialError(
                 "frequencies must ascend from above 0 Hz, decay rates exceed 0, and all be finite"
             )
 
     def decays(self, frequencies: ArrayLike) -> Array:
         """Return the interpolated decay rates, 1/s."""
-        wanted = np.log(np.maximum(np.asarray(frequencies, float), np.finfo(float).tiny))
-        return np.exp(np.interp(wanted, np.log(self.frequencies), np.log(self.rates)))
+        log_frequencies = np.log(np.maximum(np.asarray(frequencies, float), np.finfo(float).tiny))
+        return np.exp(np.interp(log_frequencies, np.log(self.frequencies), np.log(self.rates)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -179,8 +179,8 @@ def natural_at(frequency: float | str, damping: Damping) -> float:
 
 def _require_at_least_zero(**coefficients: float) -> None:
     for name, value in coefficients.items():
-        wanted = "damping needs a finite number of at least 0"
-        require_number(name, value, wanted=wanted, error=MaterialError)
+        hint = "damping needs a finite number of at least 0"
+        require_number(name, value, hint=hint, error=MaterialError)
 
 
 # Frequencies as people say them.
@@ -205,7 +205,7 @@ def hertz(name: str, pitch: float | str, *, error: type[StruckError] = OptionErr
     error : type
         Raised on anything else.
     """
-    wanted = "give Hz, as 880, or a note from C-1 to B10, as A5, Bb3 or A5+12c"
+    hint = "give Hz, as 880, or a note from C-1 to B10, as A5, Bb3 or A5+12c"
     if isinstance(pitch, str):
         note, plain = _NOTE.fullmatch(pitch.strip()), _PLAIN.fullmatch(pitch)
         if note:
@@ -215,9 +215,9 @@ def hertz(name: str, pitch: float | str, *, error: type[StruckError] = OptionErr
         try:
             pitch = float(plain[1]) * (1000 if plain[2] else 1) if plain else math.nan
         except ValueError:
-            german = " (H is B here)" if pitch.strip()[:1] in {"H", "h"} else ""
-            raise error(f"{name} is {pitch!r}, no frequency: {wanted}{german}") from None
-    require_number(name, pitch, above=True, wanted=wanted, unit=" Hz", error=error)
+            german_hint = " (H is B here)" if pitch.strip()[:1] in {"H", "h"} else ""
+            raise error(f"{name} is {pitch!r}, no frequency: {hint}{german_hint}") from None
+    require_number(name, pitch, above=True, hint=hint, unit=" Hz", error=error)
     return float(pitch)
 
 
@@ -225,7 +225,9 @@ def in_hertz(
     name: str, pitches: Iterable[Any], *, error: type[StruckError] = OptionError
 ) -> list[Any]:
     """Return pitches in Hz, texts among them by `hertz`."""
-    return [hertz(name, each, error=error) if isinstance(each, str) else each for each in pitches]
+    return [
+        hertz(name, pitch, error=error) if isinstance(pitch, str) else pitch for pitch in pitches
+    ]
 
 
 Band = tuple[float | str, float | str]  # Hz or notes, the lower first
@@ -233,8 +235,8 @@ Band = tuple[float | str, float | str]  # Hz or notes, the lower first
 
 def require_band(band: object) -> tuple[float, float]:
     """Return a band, of numbers or notes, in Hz, the lower end first; OptionError otherwise."""
-    given = band if isinstance(band, tuple | list | np.ndarray) and np.ndim(band) else ()
-    ends = np.asarray(in_hertz("band", given))
+    pitches = band if isinstance(band, tuple | list | np.ndarray) and np.ndim(band) else ()
+    ends = np.asarray(in_hertz("band", pitches))
     if ends.shape != (2,) or ends.dtype.kind not in "iuf" or not 0 <= ends[0] < ends[1] < np.inf:
         raise OptionError(f"band is {band}: give two frequencies in Hz, or notes, the lower first")
     return float(ends[0]), float(ends[1])

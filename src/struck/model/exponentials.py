@@ -76,12 +76,14 @@ def samples_in_rows(
 ) -> Array:
     """Return one in `every` rows of the samples, (C, rows, width); the width is root length."""
     width = row_width(length)
-    coarse = _powers(poles * (every * width / sample_rate), -(-length // (every * width))).T
+    coarse_powers = _powers(poles * (every * width / sample_rate), -(-length // (every * width))).T
     fine = _powers(poles / sample_rate, width)
-    both = np.hstack((coarse.real, coarse.imag))
-    turned = (gain[:, None] * fine for gain in gains)
-    rows = [both @ np.vstack((each.imag, each.real)) for each in turned]
-    return np.reshape(np.asarray(rows, float), (len(gains), len(coarse), width))
+    stacked = np.hstack((coarse_powers.real, coarse_powers.imag))
+    rotated_powers = (gain[:, None] * fine for gain in gains)
+    rows = [
+        stacked @ np.vstack((row_powers.imag, row_powers.real)) for row_powers in rotated_powers
+    ]
+    return np.reshape(np.asarray(rows, float), (len(gains), len(coarse_powers), width))
 
 
 def row_width(length: int) -> int:
@@ -96,20 +98,20 @@ def correlations(poles: AnyComplex, samples: Array, sample_rate: float) -> AnyCo
     count = -(-length // width)
     folded = np.zeros((channels, count * width))
     folded[:, :length] = samples
-    coarse = _powers(poles.conj() * (width / sample_rate), count).T
+    coarse_powers = _powers(poles.conj() * (width / sample_rate), count).T
     fine = _powers(poles.conj() / sample_rate, width).T
     inner = folded.reshape(channels, count, width) @ np.hstack((fine.real, fine.imag))
     real, imaginary = inner[..., : len(poles)], inner[..., len(poles) :]
-    return np.einsum("crm,rm->cm", real + 1j * imaginary, coarse)
+    return np.einsum("crm,rm->cm", real + 1j * imaginary, coarse_powers)
 
 
 def _powers(exponents: AnyComplex, count: int) -> AnyComplex:
     """Return exp(x n) for n below the count, (M, count), as products of two short factors."""
     width = row_width(count)
     rows = -(-count // width)
-    coarse: AnyComplex = np.exp(np.outer(exponents, width * np.arange(rows)))
+    coarse_powers: AnyComplex = np.exp(np.outer(exponents, width * np.arange(rows)))
     fine: AnyComplex = np.exp(np.outer(exponents, np.arange(width)))
-    products = coarse[:, :, None] * fine[:, None, :]
+    products = coarse_powers[:, :, None] * fine[:, None, :]
     return products.reshape(len(exponents), rows * width)[:, :count]
 
 
@@ -120,20 +122,20 @@ def best_gains(
     # Inner products of exponentials are geometric series: only `correlations` touches samples.
     length = samples.shape[1]
     steps = poles / sample_rate
-    direct = _series(steps.conj(), steps, length)
-    mirrored = _series(steps, steps, length)
+    direct_sums = _series(steps.conj(), steps, length)
+    mirror_sums = _series(steps, steps, length)
     # Im[g w] = Re g Im w + Im g Re w: products of the real waves Im w and Re w.
     matrix = 0.5 * np.block(
         [
-            [direct.real - mirrored.real, direct.imag.T + mirrored.imag],
-            [direct.imag + mirrored.imag, direct.real + mirrored.real],
+            [direct_sums.real - mirror_sums.real, direct_sums.imag.T + mirror_sums.imag],
+            [direct_sums.imag + mirror_sums.imag, direct_sums.real + mirror_sums.real],
         ]
     )
     powers = matrix.diagonal()  # none at all is what the sine of a mode at 0 Hz has
     matrix += np.diag(1e-10 * powers + 1e-14 * powers.max(initial=0.0))
     sums = correlations(poles, samples, sample_rate) if sums is None else sums
-    solved = np.linalg.solve(matrix, np.hstack((-sums.imag, sums.real)).T).T
-    return solved[:, : len(poles)] + 1j * solved[:, len(poles) :]
+    solution = np.linalg.solve(matrix, np.hstack((-sums.imag, sums.real)).T).T
+    return solution[:, : len(poles)] + 1j * solution[:, len(poles) :]
 
 
 def _series(left: AnyComplex, right: AnyComplex, length: int) -> AnyComplex:

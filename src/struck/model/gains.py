@@ -265,8 +265,8 @@ class ExpandedGains(Gains):
 
     def motion(self, points: Array) -> Array:
         """Return how far each mode moves (K, A, 1, R M)."""
-        moved = self.products.motion(points)
-        return moved.reshape(*moved.shape[:2], 1, -1)
+        motions = self.products.motion(points)
+        return motions.reshape(*motions.shape[:2], 1, -1)
 
     def toward(self, listeners: Array) -> Complex:
         """Return the output at listeners (L, 1, R M)."""
@@ -289,7 +289,7 @@ class ShapeGains(Gains):
     centre : array (3,)
         Where the sound seems to come from: the centre of mass, m.
     radiation : Radiation
-        What made `outputs`, to make them anew when frequencies or size change.
+        Radiation that gives `outputs`, again when frequencies or size change.
     formula : TransverseShapes or None
         The shapes at any place, where they are known beyond the vertices.
     """
@@ -337,13 +337,15 @@ class ShapeGains(Gains):
         formula : TransverseShapes, optional
             The shapes in closed form, which contacts then use.
         """
-        # Outputs are those of the shapes as they are stored: of a mode that hardly radiates,
+        # Outputs are those of the shapes as they are stored: of a mode that radiates little,
         # rounding is most of the sum, and a copy or a file of the body must give the same again.
-        stored = np.ascontiguousarray(shapes, np.float32)
+        single_shapes = np.ascontiguousarray(shapes, np.float32)
         return cls(
             surface=surface,
-            shapes=stored,
-            outputs=radiation.coefficients(surface, stored.astype(np.float64), frequencies, centre),
+            shapes=single_shapes,
+            outputs=radiation.coefficients(
+                surface, single_shapes.astype(np.float64), frequencies, centre
+            ),
             centre=np.asarray(centre, np.float64),
             radiation=radiation,
             formula=formula,
@@ -458,8 +460,8 @@ class ShapeGains(Gains):
         """Return distances (L,) from the centre; ContactError where a place is inside the body."""
         distances = np.linalg.norm(places - self.centre, axis=1)
         close = places[distances < self.radius]
-        if len(close) and (held := self.locator.holds(close)).any():
-            place = tuple(close[int(np.argmax(held))].tolist())
+        if len(close) and (is_inside := self.locator.holds(close)).any():
+            place = tuple(close[int(np.argmax(is_inside))].tolist())
             raise ContactError(
                 f"a listener is at {place} m, inside the body's surface: move it outside"
             )
@@ -469,23 +471,25 @@ class ShapeGains(Gains):
 def shapes_along(
     points: Array, shapes: Single, corners: Index, places: Array, ways: Array
 ) -> Array:
-    """Return shapes (V, 3, M) along ways (K, 3): (K, M).
+    """Return shapes (V, 3, M) along directions `ways` (K, 3): (K, M).
 
     At places (K, 3) on the faces between corners (K, 3), which are numbers of points (V, 3).
     """
-    given = (points, shapes, corners, places, ways)
+    arguments = (points, shapes, corners, places, ways)
     count, modes = len(corners), shapes.shape[2]
     fits = shapes.flags.c_contiguous and shapes.flags.aligned and shapes.dtype == np.float32
     if count < _FEW or not fits:
-        return shapes_along_plainly(*given)
+        return shapes_along_plainly(*arguments)
     from struck.core import entry
 
-    compiled = entry("shapes_along")
-    if compiled is None:
-        return shapes_along_plainly(*given)
-    along, pushes = np.empty((count, modes)), np.ascontiguousarray(ways)
-    compiled(points, shapes, modes, corners, np.ascontiguousarray(places), pushes, count, along)
-    return along
+    core_function = entry("shapes_along")
+    if core_function is None:
+        return shapes_along_plainly(*arguments)
+    displacements, pushes = np.empty((count, modes)), np.ascontiguousarray(ways)
+    core_function(
+        points, shapes, modes, corners, np.ascontiguousarray(places), pushes, count, displacements
+    )
+    return displacements
 
 
 def shapes_along_plainly(

@@ -53,8 +53,8 @@ def picture(text: str, figure: Figure) -> str:
     """Return a figure as an image within the page, with `text` for blind readers."""
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=110)
-    encoded = base64.b64encode(data.getvalue()).decode("ascii")
-    return f'<img alt="{html.escape(text)}" src="data:image/png;base64,{encoded}">'
+    image_text = base64.b64encode(data.getvalue()).decode("ascii")
+    return f'<img alt="{html.escape(text)}" src="data:image/png;base64,{image_text}">'
 
 
 def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -80,7 +80,7 @@ def modes_rows(
     frequencies: Array, t60: Array, decays: Array, errors: Array | None
 ) -> list[tuple[str, ...]]:
     """Return one row of text for each mode, under `HEADINGS`."""
-    known = np.full(len(frequencies), np.nan) if errors is None else errors
+    mode_errors = np.full(len(frequencies), np.nan) if errors is None else errors
     return [
         (
             f"{f:.2f}",
@@ -89,7 +89,7 @@ def modes_rows(
             rounded(math.pi * f / d, 4) if d else "endless",
             rounded(100 * e, 2) if np.isfinite(e) else "-",
         )
-        for f, t, d, e in zip(frequencies, t60, decays, known, strict=True)
+        for f, t, d, e in zip(frequencies, t60, decays, mode_errors, strict=True)
     ]
 
 

@@ -59,18 +59,18 @@ class Material:
                 value,
                 1e-9,
                 1e30,
-                wanted="it must exceed 0, and 1e-09 is the least",
+                hint="it must exceed 0, and 1e-09 is the least",
                 unit=unit,
                 error=MaterialError,
             )
-        wanted = (
+        hint = (
             f"it must lie above -1 and at most at {_LARGEST_POISSON_RATIO} (at 0.5 a solid cannot "
             "be compressed, and these elements lock); take 0.49 for rubber-like materials"
         )
         name, value = f"Poisson's ratio of {self.name}", self.poisson_ratio
-        require_number(name, value, -1, np.inf, above=True, wanted=wanted, error=MaterialError)
+        require_number(name, value, -1, np.inf, above=True, hint=hint, error=MaterialError)
         if value > _LARGEST_POISSON_RATIO:
-            raise MaterialError(f"{name} is {value}: {wanted}")
+            raise MaterialError(f"{name} is {value}: {hint}")
 
     @classmethod
     @checked
@@ -230,8 +230,9 @@ def _canonical(name: str) -> str:
 
 
 def _unknown(name: str) -> str:
-    offer = nearest(_canonical(name), _aliases())
-    return f"no material is called {name!r}: {offer}'struck materials' lists all {len(materials())}"
+    suggestion = nearest(_canonical(name), _aliases())
+    command = f"'struck materials' lists all {len(materials())}"
+    return f"no material is called {name!r}: {suggestion}{command}"
 
 
 def require_damping(damping: str) -> None:
@@ -246,12 +247,12 @@ def _from_entry(name: str, entry: Mapping[str, Any], damping: str) -> Material:
         raise MaterialError(
             f"{name} has no published set {kind!r}: take damping='own', or give a Rayleigh set"
         )
-    own = InternalFriction(loss_tangent=entry["loss_tangent"])
+    internal_friction = InternalFriction(loss_tangent=entry["loss_tangent"])
     return Material(
         name=name,
         density=entry["density"],
         youngs_modulus=entry["youngs_modulus"],
         poisson_ratio=entry["poisson_ratio"],
-        damping=own if damping == "own" else Rayleigh(**entry[damping]),
+        damping=internal_friction if damping == "own" else Rayleigh(**entry[damping]),
         source=entry["source"],
     )

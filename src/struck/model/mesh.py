@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 _SMOOTH = float(np.cos(np.deg2rad(40)))  # faces that turn further from each other meet in an edge
-_FLAT = 1e-9  # of unit normals: what differs less lies in one plane
+_FLAT = 1e-9  # of unit normals: faces that differ by less lie in one plane
 
 
 @checked
@@ -99,11 +99,11 @@ class Mesh:
         shares = (np.cross(to, back) / np.maximum(sides, tiny)[:, :, None]).reshape(-1, 3)
         count = np.arange(len(corners))
         ones = sparse.csr_array((np.ones(len(corners)), (corners, count)))
-        around = ones[corners]  # of each corner, all corners at its vertex
-        mine, others = np.repeat(count // 3, np.diff(around.indptr)), around.indices
+        adjacency = ones[corners]  # of each corner, all corners at its vertex
+        mine, others = np.repeat(count // 3, np.diff(adjacency.indptr)), adjacency.indices
         cosines = np.einsum("kd,kd->k", self.face_normals[mine], self.face_normals[others // 3])
         alike = shares[others] * np.where(cosines > _SMOOTH, 1.0, 0.0)[:, None]
-        means = np.add.reduceat(alike, around.indptr[:-1])
+        means = np.add.reduceat(alike, adjacency.indptr[:-1])
         means /= np.maximum(np.linalg.norm(means, axis=1, keepdims=True), tiny)
         return means.reshape(-1, 3, 3)
 
@@ -129,17 +129,19 @@ class Mesh:
         corners, owner = corners[order], owner[order]
         two = np.flatnonzero((corners[1:] == corners[:-1]).all(axis=1))
         ends, one, other = corners[two], owner[two], owner[two + 1]
-        normals, along = self.face_normals, self.points[ends[:, 1]] - self.points[ends[:, 0]]
+        normals, edge_vectors = self.face_normals, self.points[ends[:, 1]] - self.points[ends[:, 0]]
         cosines = np.einsum("ed,ed->e", normals[one], normals[other])
-        apart = self.centroids[other] - self.centroids[one]
-        bulges = np.where(np.einsum("ed,ed->e", apart, normals[one]) > 0, -1.0, 1.0)
-        held = bulges * np.arccos(np.clip(cosines, -1, 1)) * np.linalg.norm(along, axis=1) / 4
-        curvatures, shares = np.zeros(len(self.points)), np.zeros(len(self.points))
+        centroid_offsets = self.centroids[other] - self.centroids[one]
+        bulges = np.where(np.einsum("ed,ed->e", centroid_offsets, normals[one]) > 0, -1.0, 1.0)
+        edge_integrals = (
+            bulges * np.arccos(np.clip(cosines, -1, 1)) * np.linalg.norm(edge_vectors, axis=1) / 4
+        )
+        curvatures, vertex_areas = np.zeros(len(self.points)), np.zeros(len(self.points))
         for end in ends.T:
-            np.add.at(curvatures, end, held)
+            np.add.at(curvatures, end, edge_integrals)
         for corner in self.faces.T:
-            np.add.at(shares, corner, self.areas / 3)
-        return curvatures / np.maximum(shares, np.finfo(float).tiny)
+            np.add.at(vertex_areas, corner, self.areas / 3)
+        return curvatures / np.maximum(vertex_areas, np.finfo(float).tiny)
 
     @cached_property
     def locator(self) -> Surface:
@@ -154,8 +156,8 @@ class Mesh:
     @cached_property
     def bounds(self) -> Array:
         """Lowest and highest corner of the bounding box, m (2, 3)."""
-        used = self.points[np.unique(self.faces)]
-        return np.stack([used.min(axis=0), used.max(axis=0)])
+        vertices = self.points[np.unique(self.faces)]
+        return np.stack([vertices.min(axis=0), vertices.max(axis=0)])
 
     @cached_property
     def reach(self) -> float:
@@ -220,12 +222,13 @@ Arrays = Triangles | Points | tuple[ArrayLike, ArrayLike]  # vertices and faces
 def indices(name: str, values: ArrayLike) -> Index:
     """Return whole numbers that may name vertices; MeshError on any other."""
     array = np.asarray(values)
-    if array.dtype.kind not in "iub" and not np.all(np.abs(array) < _MOST):  # NaN included
+    # NaN is refused as well.
+    if array.dtype.kind not in "iub" and not np.all(np.abs(array) < _MAX_INDEX):
         raise MeshError(f"{name} hold what numbers no vertex: give whole numbers from 0 on")
     return array.astype(np.int64)
 
 
-_MOST = 2.0**53
+_MAX_INDEX = 2.0**53
 
 
 def _validate(points: Array, faces: Index) -> None:
@@ -233,9 +236,11 @@ def _validate(points: Array, faces: Index) -> None:
         raise MeshError(f"points have shape {points.shape}, not (V, 3): give x, y and z in m")
     if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces):
         raise MeshError(f"faces have shape {faces.shape}, not (F, 3) with F > 0: give triangles")
-    wrong = np.count_nonzero(~np.isfinite(points).all(axis=1))
-    if wrong:
-        raise MeshError(f"{wrong} of {len(points)} vertices are not finite: export the mesh again")
+    bad_count = np.count_nonzero(~np.isfinite(points).all(axis=1))
+    if bad_count:
+        raise MeshError(
+            f"{bad_count} of {len(points)} vertices are not finite: export the mesh again"
+        )
     if faces.min() < 0 or faces.max() >= len(points):
         raise MeshError(
             f"faces name vertices {faces.min()} to {faces.max()}, but the mesh has "
@@ -289,8 +294,14 @@ class Closest:
         queries = in_space(points)
         if not len(queries):
             return np.zeros(0), np.zeros(0, np.int64), queries
-        squared, parts, nearest = self._tree.squared_distance(self._points, self._parts, queries)
-        return np.sqrt(np.atleast_1d(squared)), np.atleast_1d(parts), np.atleast_2d(nearest)
+        squared_distances, parts, nearest = self._tree.squared_distance(
+            self._points, self._parts, queries
+        )
+        return (
+            np.sqrt(np.atleast_1d(squared_distances)),
+            np.atleast_1d(parts),
+            np.atleast_2d(nearest),
+        )
 
 
 class Surface(Closest):
@@ -308,15 +319,15 @@ class Surface(Closest):
         """Return which points (K,) lie within the surface: it winds around them (K,)."""
         import igl
 
-        turns = igl.winding_number(self._points, self._parts, in_space(points))
-        return np.atleast_1d(np.asarray(turns, np.float64)) > 0.5
+        winding_numbers = igl.winding_number(self._points, self._parts, in_space(points))
+        return np.atleast_1d(np.asarray(winding_numbers, np.float64)) > 0.5
 
     def first_below(self, points: Array, ways: Array) -> tuple[Index, Array]:
         """Return the faces (K,) that rays meet first, and how far away; -1 and infinity: none."""
-        met = self._tree.intersect_ray_first(
+        hits = self._tree.intersect_ray_first(
             self._points, self._parts, in_space(points), in_space(ways)
         )
-        faces, depths = np.atleast_1d(met[0]), np.atleast_1d(met[1])
+        faces, depths = np.atleast_1d(hits[0]), np.atleast_1d(hits[1])
         return faces, np.where(faces < 0, np.inf, depths)
 
 
@@ -337,8 +348,8 @@ def _dot(left: Array, right: Array) -> Array:
     return np.einsum("kd,kd->k", left, right)
 
 
-_DEEP = 0.1  # share of the height by which the middle of an open body lies below its rim
-_INSET = 0.01  # share of the way to the middle of a face by which places stand off a sharp edge
+_DEEP = 0.1  # fraction of the height by which an open body's centre lies below its rim
+_INSET = 0.01  # fraction of the distance to a face's centroid that places keep from a sharp edge
 _LEVEL = 1e-3  # share of the extent within which vertices count as one flat end
 
 
@@ -353,8 +364,12 @@ def places_of(mesh: Mesh) -> Mapping[str, Array]:
     places = {name: _outermost(mesh, axis, sign) for name, (axis, sign) in axes.items()}
     up = "xyz".index(mesh.up)
     across = [(up + 1) % 3, (up + 2) % 3]
-    top, middle = places[f"+{mesh.up}"], _under_a_drop(mesh, up, across)
-    named = {"top": top, "bottom": places[f"-{mesh.up}"], "side": places[f"+{'xyz'[across[0]]}"]}
+    top, middle = places[f"+{mesh.up}"], _find_top_over_centre(mesh, up, across)
+    named_places = {
+        "top": top,
+        "bottom": places[f"-{mesh.up}"],
+        "side": places[f"+{'xyz'[across[0]]}"],
+    }
     low, high = mesh.bounds
     lowest = high[up] - _DEEP * (high - low)[up]
     upper = mesh.points[mesh.points[:, up] > lowest]
@@ -362,15 +377,15 @@ def places_of(mesh: Mesh) -> Mapping[str, Array]:
     if len(quarters) == 4 and (middle is None or middle[up] < lowest):
         edge = np.flatnonzero(mesh.points[:, up] >= high[up] - _LEVEL * mesh.extent)
         outermost = edge[np.argmax(mesh.points[edge, across[0]])]
-        named["rim"] = _off_edges(mesh, outermost, np.eye(3)[across[0]])
+        named_places["rim"] = _move_off_edges(mesh, outermost, np.eye(3)[across[0]])
     if middle is None:
-        off = np.linalg.norm(mesh.points - (low + high) / 2, axis=1)
-        middle = mesh.points[np.argmin(off)]
-    return places | named | {"middle": middle}
+        distances = np.linalg.norm(mesh.points - (low + high) / 2, axis=1)
+        middle = mesh.points[np.argmin(distances)]
+    return places | named_places | {"middle": middle}
 
 
-def _under_a_drop(mesh: Mesh, up: int, across: list[int]) -> Array | None:
-    """Return the highest point over the middle of a surface's plan, None where it is open."""
+def _find_top_over_centre(mesh: Mesh, up: int, across: list[int]) -> Array | None:
+    """Return the highest point over the centre of a surface's plan, None where it is open."""
     centre = mesh.bounds.mean(axis=0)
     corners = mesh.points[mesh.faces]
     plan, heights = corners[:, :, across] - centre[across], corners[:, :, up]
@@ -378,32 +393,32 @@ def _under_a_drop(mesh: Mesh, up: int, across: list[int]) -> Array | None:
     # Twice the areas that the middle makes with each edge: of one sign where it lies within.
     areas = after[:, :, 0] * last[:, :, 1] - after[:, :, 1] * last[:, :, 0]
     slack = _FLAT * mesh.extent**2
-    within = (areas >= -slack).all(axis=1) | (areas <= slack).all(axis=1)
-    within &= np.abs(areas.sum(axis=1)) > slack
-    if not within.any():
+    is_within = (areas >= -slack).all(axis=1) | (areas <= slack).all(axis=1)
+    is_within &= np.abs(areas.sum(axis=1)) > slack
+    if not is_within.any():
         return None
-    shares = areas[within] / areas[within].sum(axis=1, keepdims=True)
-    found = centre.copy()
-    found[up] = np.einsum("fc,fc->f", shares, heights[within]).max()
-    return found
+    weights = areas[is_within] / areas[is_within].sum(axis=1, keepdims=True)
+    point = centre.copy()
+    point[up] = np.einsum("fc,fc->f", weights, heights[is_within]).max()
+    return point
 
 
 def _outermost(mesh: Mesh, axis: int, sign: str) -> Array:
     """Return the outermost vertex; on a flat end, the one nearest its middle."""
-    way = np.eye(3)[axis] * (1 if sign == "+" else -1)
-    heights = mesh.points @ way
+    direction = np.eye(3)[axis] * (1 if sign == "+" else -1)
+    heights = mesh.points @ direction
     ends = np.flatnonzero(heights >= heights.max() - _LEVEL * mesh.extent)
     points = mesh.points[ends]
-    return _off_edges(
-        mesh, ends[np.argmin(np.linalg.norm(points - points.mean(axis=0), axis=1))], way
+    return _move_off_edges(
+        mesh, ends[np.argmin(np.linalg.norm(points - points.mean(axis=0), axis=1))], direction
     )
 
 
-def _off_edges(mesh: Mesh, vertex: int, way: Array) -> Array:
+def _move_off_edges(mesh: Mesh, vertex: int, direction: Array) -> Array:
     """Return a vertex, moved from a sharp edge into that of its faces which looks most one way."""
-    around = np.flatnonzero((mesh.faces == vertex).any(axis=1))
-    normals, point = mesh.face_normals[around], mesh.points[vertex]
-    face = int(np.argmax(normals @ way))
+    adjacent_faces = np.flatnonzero((mesh.faces == vertex).any(axis=1))
+    normals, point = mesh.face_normals[adjacent_faces], mesh.points[vertex]
+    face = int(np.argmax(normals @ direction))
     if (normals @ normals[face]).min() > _SMOOTH:
         return point
-    return point + _INSET * (mesh.centroids[around[face]] - point)
+    return point + _INSET * (mesh.centroids[adjacent_faces[face]] - point)

@@ -68,17 +68,19 @@ def turned_faces(edges: Edges, face_count: int) -> NDArray[np.bool_] | None:
     """Return which faces to flip (F,), the fewest of each piece; None on a one-sided surface."""
     # Each face appears twice, as it is and flipped (its number plus F), joined to its neighbours'
     # consistent copies. A two-sided piece falls into two mirrored halves.
-    sides, agree = edges.pairs()
-    second = np.where(agree, sides[:, 1], sides[:, 1] + face_count)
-    mirrored = np.where(agree, sides[:, 1] + face_count, sides[:, 1])
-    pairs = [np.c_[sides[:, 0], second], np.c_[sides[:, 0] + face_count, mirrored]]
-    kept, turned = components(np.concatenate(pairs), 2 * face_count).reshape(2, face_count)
-    if np.any(kept == turned):
+    sides, is_consistent = edges.pairs()
+    copies = np.where(is_consistent, sides[:, 1], sides[:, 1] + face_count)
+    mirror_copies = np.where(is_consistent, sides[:, 1] + face_count, sides[:, 1])
+    pairs = [np.c_[sides[:, 0], copies], np.c_[sides[:, 0] + face_count, mirror_copies]]
+    labels, flipped_labels = components(np.concatenate(pairs), 2 * face_count).reshape(
+        2, face_count
+    )
+    if np.any(labels == flipped_labels):
         return None
     # A half holds as many faces as they are as its mirror image holds flipped.
-    as_they_are = np.bincount(kept, minlength=max(kept.max(), turned.max()) + 1)
-    ahead, behind = as_they_are[kept], as_they_are[turned]
-    return (ahead < behind) | ((ahead == behind) & (kept > turned))
+    face_counts = np.bincount(labels, minlength=max(labels.max(), flipped_labels.max()) + 1)
+    sizes, flipped_sizes = face_counts[labels], face_counts[flipped_labels]
+    return (sizes < flipped_sizes) | ((sizes == flipped_sizes) & (labels > flipped_labels))
 
 
 def volumes_of(mesh: Mesh, labels: Index) -> Array:
@@ -97,8 +99,8 @@ def bodies(mesh: Mesh) -> list[Index]:
 
 def submesh(mesh: Mesh, faces: Index) -> Mesh:
     """Return the surface of some `faces`, without the vertices that they do not use."""
-    used, renumbered = np.unique(mesh.faces[faces], return_inverse=True)
-    return Mesh(points=mesh.points[used], faces=renumbered.reshape(-1, 3), up=mesh.up)
+    vertices, renumbered = np.unique(mesh.faces[faces], return_inverse=True)
+    return Mesh(points=mesh.points[vertices], faces=renumbered.reshape(-1, 3), up=mesh.up)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -124,10 +126,10 @@ class Boxes:
         starts = self.lowest[order, 0]
         for box in range(len(order)):
             low, high = self.lowest[box], self.highest[box]
-            near = order[np.searchsorted(starts, low[0]) : np.searchsorted(starts, high[0])]
-            held = (self.lowest[near] > low) & (self.highest[near] < high)
-            if held.all(axis=1).any():
-                yield box, near[held.all(axis=1)]
+            candidates = order[np.searchsorted(starts, low[0]) : np.searchsorted(starts, high[0])]
+            is_enclosed = (self.lowest[candidates] > low) & (self.highest[candidates] < high)
+            if is_enclosed.all(axis=1).any():
+                yield box, candidates[is_enclosed.all(axis=1)]
 
 
 def extremes(triangles: Array) -> tuple[Array, Array]:
@@ -153,9 +155,9 @@ def nesting(mesh: Mesh, labels: Index) -> tuple[Index, Index]:
     shells: list[Index] = [np.empty(0, np.int64)]
     for shell, suspects in boxes_of(mesh, labels).nested():
         winding = _winding_numbers(mesh, labels == shell, first[suspects])
-        enclosed = suspects[np.abs(winding) > 0.5]
-        inner.append(enclosed)
-        shells.append(np.full(len(enclosed), shell))
+        enclosed_pieces = suspects[np.abs(winding) > 0.5]
+        inner.append(enclosed_pieces)
+        shells.append(np.full(len(enclosed_pieces), shell))
     return np.concatenate(inner), np.concatenate(shells)
 
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from struck.model.residual import Residual
 
 XYZ = ("x (m)", "y (m)", "z (m)")
-_KEPT = ("mass", "centre", "inertia", "supported", "tensioned", "complete_to")
+_COPIED_FIELDS = ("mass", "centre", "inertia", "supported", "tensioned", "complete_to")
 _KINDS = {
     "material": Material | None,
     "geometry": Mesh | None,
@@ -48,8 +48,8 @@ _LOST_FIELD = (
     "the timbre field was computed at other frequencies: an estimate, the same in all directions, "
     "takes its place; compute the field anew"
 )
-LOUDEST = "loudest"  # the place that every model has beside its own
-_NAMED = 12  # modes that are told one by one
+LOUDEST = "loudest"  # a place that every model has
+_MAX_LISTED_MODES = 12  # modes that a note lists
 _RINGING = ("frequencies", "natural_frequencies", "decays")
 _OTHERS = ("blow", "vague")  # details of a fit: indices of modes that are not the object's
 
@@ -140,12 +140,12 @@ class ModalModel:
         The material's damping gives the decays, `radiation` the outputs; modes below `lowest` Hz
         are dropped and counted; `places` are contacts (3,) by name, m, the `playing_place` one.
         """
-        kept = np.flatnonzero(modes.frequencies >= lowest)
-        below = len(modes.frequencies) - len(kept)
-        natural = modes.frequencies[kept]
-        shapes = modes.shapes[:, :, kept]
+        indices = np.flatnonzero(modes.frequencies >= lowest)
+        dropped_count = len(modes.frequencies) - len(indices)
+        natural = modes.frequencies[indices]
+        shapes = modes.shapes[:, :, indices]
         signs = canonical_signs(modes.surface, shapes)
-        formula = None if modes.formula is None else modes.formula.chosen(kept).signed(signs)
+        formula = None if modes.formula is None else modes.formula.chosen(indices).signed(signs)
         model = cls(
             frequencies=natural,
             natural_frequencies=natural,
@@ -155,17 +155,18 @@ class ModalModel:
             ),
             material=material,
             geometry=modes.surface,
-            poisson_slopes=modes.poisson_slopes[kept],
-            errors=modes.errors[kept],
+            poisson_slopes=modes.poisson_slopes[indices],
+            errors=modes.errors[indices],
             places=places or {},
             playing_place=playing_place,
             coordinates=XYZ if formula is None else XYZ[: formula.forms.dimensions],
             provenance=modes.provenance.extended(
                 references=radiation.references,
-                dropped=(f"{counted(below, 'mode')} below {lowest:g} Hz",) * (below > 0),
+                dropped=(f"{counted(dropped_count, 'mode')} below {lowest:g} Hz",)
+                * (dropped_count > 0),
                 radiation=radiation.name,
             ),
-            **{name: getattr(modes, name) for name in _KEPT},
+            **{name: getattr(modes, name) for name in _COPIED_FIELDS},
         )
         return model.damped(material.damping)
 
@@ -215,14 +216,14 @@ class ModalModel:
         ContactError
             When there is no such place, or the point is off the body.
         """
-        loudest = isinstance(at, str) and at == LOUDEST
+        is_loudest = isinstance(at, str) and at == LOUDEST
         if self.geometry is None or not isinstance(self.gains, ShapeGains):
-            at = None if loudest else at
+            at = None if is_loudest else at
             return Contact.recorded(at, self.places, self.coordinates, direction)
-        if at is None or loudest:
+        if at is None or is_loudest:
             from struck.model.playing_place import loudest_place, playing_place
 
-            find = loudest_place if loudest else playing_place
+            find = loudest_place if is_loudest else playing_place
             point, name = find(self, self.gains, self.geometry)
         else:
             name = at if isinstance(at, str) else None
@@ -231,8 +232,8 @@ class ModalModel:
             # A place on the plan is pushed from above, at the edges too, where normals turn.
             if direction is None and not isinstance(at, str) and np.shape(at) == (axes,) != (3,):
                 direction = (0.0, 0.0, -1.0)
-        found = Contact.on(self.gains.locator, self.geometry, point, direction)
-        return found if name is None else replace(found, name=name)
+        contact = Contact.on(self.gains.locator, self.geometry, point, direction)
+        return contact if name is None else replace(contact, name=name)
 
     def contacts(
         self, points: Array, directions: Array | None = None
@@ -248,9 +249,12 @@ class ModalModel:
             When one is off the body.
         """
         if self.geometry is None or not isinstance(self.gains, ShapeGains) or points.shape[1] != 3:
-            ways = [None] * len(points) if directions is None else directions
-            found = [self.contact(at, way) for at, way in zip(points, ways, strict=True)]
-            rows = [(each.point, each.direction, each.normal) for each in found]
+            optional_directions = [None] * len(points) if directions is None else directions
+            contacts = [
+                self.contact(at, direction)
+                for at, direction in zip(points, optional_directions, strict=True)
+            ]
+            rows = [(contact.point, contact.direction, contact.normal) for contact in contacts]
             nearest, pushes, normals = (np.array(column) for column in zip(*rows, strict=True))
             return nearest, pushes, normals, None
         return nearest_contacts(self.gains.locator, self.geometry, points, directions)
@@ -261,25 +265,25 @@ class ModalModel:
 
         The noise of a residual decays by the law, too; its attack stays.
         """
-        every = damping.decays(self.natural_frequencies)
-        kept = np.flatnonzero(every < 2 * np.pi * self.natural_frequencies)
-        lost, residual = len(every) - len(kept), self.residual
-        notes = (f"{counted(lost, 'overdamped mode')} left out",) if lost else ()
-        if lost and not len(kept):
+        rates = damping.decays(self.natural_frequencies)
+        indices = np.flatnonzero(rates < 2 * np.pi * self.natural_frequencies)
+        dropped_count, residual = len(rates) - len(indices), self.residual
+        notes = (f"{counted(dropped_count, 'overdamped mode')} left out",) if dropped_count else ()
+        if dropped_count and not len(indices):
             warnings.warn(
-                f"{damping!r} leaves no mode that rings, of {lost}: a Rayleigh law takes mass in "
-                "1/s, as 1, and stiffness in s, as 1e-7; loss tangents lie far below 1",
+                f"{damping!r} leaves no mode that rings, of {dropped_count}: a Rayleigh law takes "
+                "mass in 1/s, as 1, and stiffness in s, as 1e-7; loss tangents lie far below 1",
                 ScaleWarning,
                 stacklevel=3,
             )
         if residual is not None:
             residual = residual.damped(damping)
             notes += ("the noise of its residual decays by the new law, its attack is as recorded",)
-        model = self._chosen(kept, self._stiffness()) if lost else self
+        model = self._chosen(indices, self._stiffness()) if dropped_count else self
         return replace(
             model,
-            frequencies=ringing(model.natural_frequencies, every[kept]),
-            decays=every[kept],
+            frequencies=ringing(model.natural_frequencies, rates[indices]),
+            decays=rates[indices],
             material=None if self.material is None else self.material.damped(damping),
             residual=residual,
             provenance=self.provenance.extended(dropped=notes),
@@ -294,7 +298,7 @@ class ModalModel:
         OptionError
             When the factor does not exceed 0.
         """
-        require_number("factor", factor, 1e-9, 1e9, wanted="a size must exceed 1e-9")
+        require_number("factor", factor, 1e-9, 1e9, hint="a size must exceed 1e-9")
         return self._remade(self._stiffness(factor), self.material, size=factor)
 
     @checked
@@ -308,8 +312,8 @@ class ModalModel:
         """
         if not len(self.decays):
             raise MaterialError("the body has no modes to tune: lower its damping")
-        own = Each(rates=self.decays[0]) if self.material is None else self.material.damping
-        return self.scaled(self.natural_frequencies[0] / natural_at(lowest, own))
+        damping = Each(rates=self.decays[0]) if self.material is None else self.material.damping
+        return self.scaled(self.natural_frequencies[0] / natural_at(lowest, damping))
 
     @checked
     def made_of(self, material: Material | str, *, field: bool = False) -> ModalModel:
@@ -324,14 +328,16 @@ class ModalModel:
         MaterialError
             When the material is unknown, or the model has none to start from.
         """
-        wanted = Material.of(material)
+        new_material = Material.of(material)
         if self.material is None:
-            raise MaterialError("this model's own material is unknown: compute or fit it anew")
-        after = changed(self._stiffness(), self.material, wanted)
-        model = self._remade(after, wanted, density=wanted.density / self.material.density)
-        told = model.provenance.extended(computed_as=self.material.name)
-        made = replace(model, provenance=told)
-        return made.radiating() if field else made
+            raise MaterialError("this model's own material is unknown: compute or fit it again")
+        new_stiffness = changed(self._stiffness(), self.material, new_material)
+        model = self._remade(
+            new_stiffness, new_material, density=new_material.density / self.material.density
+        )
+        provenance = model.provenance.extended(computed_as=self.material.name)
+        new_model = replace(model, provenance=provenance)
+        return new_model.radiating() if field else new_model
 
     @checked
     def radiating(
@@ -376,24 +382,27 @@ class ModalModel:
                 "radiation='power'"
             )
         band = require_band(band)
-        told_of = {"keep": keep, "progress": progress or silent}
-        found, high, error = gains.radiation.field(
-            gains, self.natural_frequencies, band=band, near=near, **told_of
+        options = {"keep": keep, "progress": progress or silent}
+        field_gains, high, error = gains.radiation.field(
+            gains, self.natural_frequencies, band=band, near=near, **options
         )
-        named = ", ".join(f"{mode + 1} ({self.frequencies[mode]:.0f} Hz)" for mode in high[:_NAMED])
-        more = f" and {len(high) - _NAMED} more" * (len(high) > _NAMED)
-        told = f"{counted(len(high), 'mode')} without a timbre field, by an estimate: {named}{more}"
+        listing = ", ".join(
+            f"{mode + 1} ({self.frequencies[mode]:.0f} Hz)" for mode in high[:_MAX_LISTED_MODES]
+        )
+        remark = f" and {len(high) - _MAX_LISTED_MODES} more" * (len(high) > _MAX_LISTED_MODES)
+        number = counted(len(high), "mode")
+        note = f"{number} without a timbre field, by an estimate: {listing}{remark}"
         natural = self.natural_frequencies
-        if outside := not np.any((natural >= band[0]) & (natural <= band[1])):
-            told = f"no mode lies from {band[0]:g} to {band[1]:g} Hz: no timbre field is computed"
-            warnings.warn(told, ScaleWarning, stacklevel=3)
-        computed = {"radiation": "field", "field_error": f"{error:.1%}"}
+        if is_outside := not np.any((natural >= band[0]) & (natural <= band[1])):
+            note = f"no mode lies from {band[0]:g} to {band[1]:g} Hz: no timbre field is computed"
+            warnings.warn(note, ScaleWarning, stacklevel=3)
+        details = {"radiation": "field", "field_error": f"{error:.1%}"}
         provenance = self.provenance.extended(
-            references=("schenck1968", "wilton1984") * found.directional,
-            dropped=(told,) * (len(high) > 0 or outside),
-            **(computed if found.directional else {}),
+            references=("schenck1968", "wilton1984") * field_gains.directional,
+            dropped=(note,) * (len(high) > 0 or is_outside),
+            **(details if field_gains.directional else {}),
         )
-        return replace(self, gains=found, provenance=provenance)
+        return replace(self, gains=field_gains, provenance=provenance)
 
     @checked
     def charted(
@@ -440,13 +449,13 @@ class ModalModel:
         if self.gains.rank == 1:
             return self
         rank, details = self.gains.rank, dict(self.provenance.details)
-        every = {name: np.tile(getattr(self, name), rank) for name in _RINGING}
+        expanded = {name: np.tile(getattr(self, name), rank) for name in _RINGING}
         for kind in details.keys() & set(_OTHERS):
-            marked = np.isin(np.arange(len(self.frequencies)), np.asarray(details[kind], int))
-            details[kind] = np.flatnonzero(np.tile(marked, rank)).tolist()
+            is_marked = np.isin(np.arange(len(self.frequencies)), np.asarray(details[kind], int))
+            details[kind] = np.flatnonzero(np.tile(is_marked, rank)).tolist()
         return replace(
             self,
-            **every,
+            **expanded,
             gains=self.gains.expanded(),
             poisson_slopes=None,
             errors=None,
@@ -459,21 +468,28 @@ class ModalModel:
 
     def __repr__(self) -> str:
         """Return the number of modes, their range, the material and the mass in a line."""
-        own = self.frequencies[self.of_object]
-        about = [counted(len(own), "mode")]
-        about[0] += (
-            f" from {rounded(own.min(), 5)} to {rounded(own.max(), 5)} Hz" if len(own) else ""
+        frequencies = self.frequencies[self.of_object]
+        parts = [counted(len(frequencies), "mode")]
+        parts[0] += (
+            f" from {rounded(frequencies.min(), 5)} to {rounded(frequencies.max(), 5)} Hz"
+            if len(frequencies)
+            else ""
         )
-        about += [] if self.material is None else [self.material.name]
-        about += [] if self.mass is None else [f"{rounded(self.mass, 3)} kg"]
-        return f"<ModalModel: {', '.join(about)}>"
+        parts += [] if self.material is None else [self.material.name]
+        parts += [] if self.mass is None else [f"{rounded(self.mass, 3)} kg"]
+        return f"<ModalModel: {', '.join(parts)}>"
 
     def _repr_html_(self) -> str:
         from struck.model.html import modes_table  # for notebooks alone
 
-        own = self.of_object
-        errors = None if self.errors is None else self.errors[own]
-        return modes_table(self.frequencies[own], self.t60[own], self.decays[own], errors)
+        is_object_mode = self.of_object
+        errors = None if self.errors is None else self.errors[is_object_mode]
+        return modes_table(
+            self.frequencies[is_object_mode],
+            self.t60[is_object_mode],
+            self.decays[is_object_mode],
+            errors,
+        )
 
     def _stiffness(self, size: float = 1) -> Stiffness:
         return Stiffness(
@@ -491,12 +507,12 @@ class ModalModel:
         order = np.argsort(modes.frequencies, kind="stable")
         weight = density * size**3
         step = size if self.coordinates == XYZ[: len(self.coordinates)] else 1
-        changed = self._chosen(order, modes, size=size, density=density)
-        lost = self.gains.directional and not changed.gains.directional
+        new_model = self._chosen(order, modes, size=size, density=density)
+        lost = self.gains.directional and not new_model.gains.directional
         left = (_LOST_FIELD,) * lost + (_RESIDUAL_LEFT,) * (self.residual is not None)
         model = replace(
-            changed,
-            provenance=changed.provenance.extended(dropped=left),
+            new_model,
+            provenance=new_model.provenance.extended(dropped=left),
             complete_to=modes.complete_to,
             material=material,
             mass=None if self.mass is None else self.mass * weight,
@@ -511,29 +527,29 @@ class ModalModel:
         return model.damped(Each(rates=model.decays) if material is None else material.damping)
 
     def _chosen(
-        self, kept: Index, modes: Stiffness, *, size: float = 1, density: float = 1
+        self, indices: Index, modes: Stiffness, *, size: float = 1, density: float = 1
     ) -> ModalModel:
         """Return a copy with some modes, in the order of `kept`."""
-        natural, slopes, errors = modes.frequencies[kept], modes.poisson_slopes, modes.errors
+        natural, slopes, errors = modes.frequencies[indices], modes.poisson_slopes, modes.errors
         gains = self.gains
-        # Of the same shape in wavelengths the air answers alike: nothing is computed again.
+        # If size and wavelengths scale together, so does the radiation: no new computation.
         if (
             type(gains) is ShapeGains
             and getattr(gains.radiation, "scalable", False)
-            and np.array_equal(kept, np.arange(len(self.natural_frequencies)))
+            and np.array_equal(indices, np.arange(len(self.natural_frequencies)))
             and np.allclose(natural * size, self.natural_frequencies, rtol=_ALIKE, atol=0)
         ):
-            changed: Gains = gains.similar(size, density)
+            new_gains: Gains = gains.similar(size, density)
         else:
-            changed = gains.changed(natural, kept, size, density)
+            new_gains = gains.changed(natural, indices, size, density)
         return replace(
             self,
             frequencies=natural,
             natural_frequencies=natural,
-            decays=self.decays[kept],
-            gains=changed,
-            poisson_slopes=None if slopes is None else slopes[kept],
-            errors=None if errors is None else errors[kept],
+            decays=self.decays[indices],
+            gains=new_gains,
+            poisson_slopes=None if slopes is None else slopes[indices],
+            errors=None if errors is None else errors[indices],
         )
 
 

@@ -37,22 +37,22 @@ def changed(modes: Stiffness, old: Material, new: Material) -> Stiffness:
     # d ln f / d nu gives the line. It is exact for stretched, sheared and evenly bent parts;
     # keeping the shapes instead (Rayleigh's quotient) errs by 1 % on every bent bar.
     lightness = old.density / new.density
-    known = modes.poisson_slopes is not None and np.isfinite(modes.poisson_slopes).all()
+    is_known = modes.poisson_slopes is not None and np.isfinite(modes.poisson_slopes).all()
     if modes.tensioned:
-        if not known:
+        if not is_known:
             raise MaterialError(
-                "tension and stiffness together drive this body back, and the modes do not tell "
-                "their shares: compute them anew with the other material"
+                "tension and stiffness together drive this body back, and their shares are "
+                "unknown: compute the modes again with the other material"
             )
         new = replace(new, youngs_modulus=old.youngs_modulus, poisson_ratio=old.poisson_ratio)
     if np.isclose(old.poisson_ratio, new.poisson_ratio, rtol=0, atol=1e-9):
         factor = float(np.sqrt(new.youngs_modulus / old.youngs_modulus * lightness))
         frequencies, complete_to = modes.frequencies * factor, modes.complete_to * factor
         return replace(modes, frequencies=frequencies, complete_to=complete_to)
-    if modes.poisson_slopes is None or not known:
+    if modes.poisson_slopes is None or not is_known:
         raise MaterialError(
             f"Poisson's ratio would change from {old.poisson_ratio:g} to {new.poisson_ratio:g}, "
-            "and these modes do not tell how they follow it: compute them anew"
+            "and the slopes of these modes with it are unknown: compute them again"
         )
     return _first_order(modes, modes.poisson_slopes, old, new, lightness)
 
@@ -64,11 +64,11 @@ def _first_order(
     least, greatest = _extreme_factors(old, new, lightness)
     stretch = new.youngs_modulus / old.youngs_modulus * lightness
     compliance = np.clip(1 - 2 * slopes * step, stretch / greatest**2, stretch / least**2)
-    carried = np.zeros_like(slopes) if modes.errors is None else np.nan_to_num(modes.errors)
+    old_errors = np.zeros_like(slopes) if modes.errors is None else np.nan_to_num(modes.errors)
     return Stiffness(
         frequencies=modes.frequencies * np.sqrt(stretch / compliance),
         poisson_slopes=slopes / compliance,
-        errors=carried + _SECOND_ORDER * step**2,
+        errors=old_errors + _SECOND_ORDER * step**2,
         complete_to=modes.complete_to * least,
     )
 

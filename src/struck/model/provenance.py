@@ -30,7 +30,7 @@ class Provenance:
     dropped : tuple of str
         What was left out, one sentence each, with its count.
     details : mapping
-        Figures a person would ask for (nodes, lattice, residual, versions ...); JSON values only.
+        Figures of interest (nodes, lattice, residual, versions ...); JSON values only.
     """
 
     method: str = ""
@@ -46,20 +46,20 @@ class Provenance:
         known = bibliography()
         unknown = [key for key in self.references if key not in known]
         if unknown:
-            kept = tuple(key for key in self.references if key in known)
-            object.__setattr__(self, "references", kept)
-            many = counted(len(unknown), "reference")
-            note = f"{many}, unknown to this version: {', '.join(unknown)}"
+            known_references = tuple(key for key in self.references if key in known)
+            object.__setattr__(self, "references", known_references)
+            count = counted(len(unknown), "reference")
+            note = f"{count}, unknown to this version: {', '.join(unknown)}"
             object.__setattr__(self, "dropped", (*self.dropped, note))
 
     def extended(
         self, *, references: tuple[str, ...] = (), dropped: tuple[str, ...] = (), **details: object
     ) -> Provenance:
         """Return a copy with more references (each once), `dropped` losses and details."""
-        fresh = tuple(key for key in references if key not in self.references)
+        new_references = tuple(key for key in references if key not in self.references)
         return replace(
             self,
-            references=self.references + fresh,
+            references=self.references + new_references,
             dropped=self.dropped + dropped,
             details={**self.details, **details},
         )
@@ -82,7 +82,9 @@ def bibliography() -> Mapping[str, str]:
 
 
 Progress = Callable[[str, float], None]  # takes a stage of long work and the fraction done
-_QUIET, _EVERY, _REDRAWN = 2.0, 10.0, 0.2  # s to a first line, between lines, between bars
+_FIRST_DELAY = 2.0  # s to a first line
+_INTERVAL = 10.0  # s between lines
+_REDRAW_INTERVAL = 0.2  # s between bars
 FORECAST = "forecast: "  # begins a stage that tells what all of the work takes
 
 
@@ -120,30 +122,30 @@ def reported(progress: Progress | None) -> Progress:
 class TerminalProgress:
     """One line on a terminal: the stage, the share that is done, and the time left.
 
-    Where there is no terminal, or `lines` are asked for, a line after 2 s and each 10 s more;
+    Where there is no terminal, or with `lines`, a line after 2 s and each 10 s more;
     `quiet`, nothing.
     """
 
     def __init__(self, *, lines: bool = False, quiet: bool = False) -> None:
-        self._quiet = quiet
+        self._is_quiet = quiet
         self._stream = sys.stderr
-        self._shown = self._stream.isatty() and not (lines or quiet)
-        self._stage, self._begun = "", time.monotonic()
-        self._told = self._begun + _QUIET - _EVERY
+        self._on_terminal = self._stream.isatty() and not (lines or quiet)
+        self._stage, self._start = "", time.monotonic()
+        self._last_shown = self._start + _FIRST_DELAY - _INTERVAL
 
     def __call__(self, stage: str, fraction: float) -> None:
         """Show a stage and the fraction of it that is done."""
-        if self._quiet:
+        if self._is_quiet:
             return
         now = time.monotonic()
         if stage != self._stage:
-            self._stage, self._begun = stage, now
-        text = f"{printable(stage)}{_share(fraction, now - self._begun)}"
-        if self._shown:
-            kept = "\n" if stage.startswith(FORECAST) else ""
-            self._stream.write(f"\r\x1b[K{text}{kept}")
-        elif now - self._told >= _EVERY:
-            self._told = now
+            self._stage, self._start = stage, now
+        text = f"{printable(stage)}{_format_progress(fraction, now - self._start)}"
+        if self._on_terminal:
+            ending = "\n" if stage.startswith(FORECAST) else ""
+            self._stream.write(f"\r\x1b[K{text}{ending}")
+        elif now - self._last_shown >= _INTERVAL:
+            self._last_shown = now
             with suppress(OSError, ValueError):  # closed by who started us
                 self._stream.write(f"struck: {text}\n")
         else:
@@ -153,7 +155,7 @@ class TerminalProgress:
 
     def close(self) -> None:
         """Clear the line."""
-        if self._shown:
+        if self._on_terminal:
             self._stream.write("\r\x1b[K")
             self._stream.flush()
 
@@ -163,18 +165,18 @@ class NotebookProgress:
 
     def __init__(self) -> None:
         self._handle: Any = None
-        self._stage, self._begun = "", time.monotonic()
-        self._told = 0.0
+        self._stage, self._start = "", time.monotonic()
+        self._last_shown = 0.0
 
     def __call__(self, stage: str, fraction: float) -> None:
         """Show a stage and the fraction of it that is done, five times a second at most."""
         now = time.monotonic()
-        if stage == self._stage and now - self._told < _REDRAWN and fraction < 1:
+        if stage == self._stage and now - self._last_shown < _REDRAW_INTERVAL and fraction < 1:
             return
         if stage != self._stage:
-            self._stage, self._begun = stage, now
-        self._told = now
-        text = html.escape(f"{stage}{_share(fraction, now - self._begun)}")
+            self._stage, self._start = stage, now
+        self._last_shown = now
+        text = html.escape(f"{stage}{_format_progress(fraction, now - self._start)}")
         bar = {"text/html": f'<progress value="{fraction:.3f}"></progress> {text}'}
         bar["text/plain"] = text
         if self._handle is None:
@@ -191,10 +193,10 @@ def _in_notebook() -> bool:
     return getattr(shell, "kernel", None) is not None
 
 
-def _share(fraction: float, passed: float) -> str:
+def _format_progress(fraction: float, elapsed_time: float) -> str:
     """Return the percentage done and, once it can be estimated, the time that is left."""
     if not fraction:
         return ""
-    left = passed * (1 / fraction - 1)
-    known = 0.02 <= fraction < 1 and left >= 1
-    return f" {100 * fraction:3.0f} %" + (f", about {left:.0f} s left" if known else "")
+    seconds_left = elapsed_time * (1 / fraction - 1)
+    is_known = 0.02 <= fraction < 1 and seconds_left >= 1
+    return f" {100 * fraction:3.0f} %" + (f", about {seconds_left:.0f} s left" if is_known else "")

@@ -2,7 +2,7 @@
 
 A hit does two things to a body: its modes ring, and all of it is accelerated. The second moves air
 to and fro as well and is over within the time that sound takes across the body: the click of dice,
-of marbles, of a key that falls, whose modes nobody hears (Chadwick, Zheng & James 2012).
+of marbles, of a key that falls, whose modes are inaudible (Chadwick, Zheng & James 2012).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from struck.model.arrays import Array, Complex, require_numbers
 
 _SQUARE = 1e-6  # how far the axes may be from orthonormal
 DAMPINGS = (0.4, 0.99)  # the least and the greatest damping ratio
-_FASTEST = 3.0  # corner over sample rate, rad: faster poles lie there, and zeros make up for it
+_FASTEST = 3.0  # corner over sample rate, rad: faster poles lie there, and zeros compensate them
 _MATCHED = np.pi / 2  # rad a sample, where the sampled response is right
 _OVER = np.log(1e7)  # it lasts till it has fallen by 140 dB
 
@@ -63,8 +63,8 @@ class Recoil:
         if not np.allclose(self.axes @ self.axes.T, np.eye(3), atol=_SQUARE):
             raise OptionError(f"recoil's axes are {self.axes.tolist()}: give orthonormal rows")
         least, most = DAMPINGS
-        damped = least <= self.dampings.min() and self.dampings.max() <= most
-        if not (damped and self.corners.min() > 0):
+        is_damped = least <= self.dampings.min() and self.dampings.max() <= most
+        if not (is_damped and self.corners.min() > 0):
             raise OptionError(
                 f"recoil has corners {self.corners.tolist()} Hz and dampings "
                 f"{self.dampings.tolist()}: give corners above 0 and dampings from "
@@ -108,8 +108,8 @@ class Recoil:
         curve = 4 * sine * (1 - sine)
         turn: Complex = np.exp(-1j * _MATCHED)
         response = self._response(_MATCHED * sample_rate / (2 * np.pi))
-        there = np.square(np.abs(response * (1 + middle * turn + last * turn**2)))
-        rising = np.maximum((there - slope * curve) / (sine - curve / 4), 0.0)
+        squared_response = np.square(np.abs(response * (1 + middle * turn + last * turn**2)))
+        rising = np.maximum((squared_response - slope * curve) / (sine - curve / 4), 0.0)
         bending = slope - rising / 4
         # From it the coefficients: of this sample's force, -half of the last, and of that before.
         half = np.sqrt(rising) / 2
@@ -129,8 +129,8 @@ class Recoil:
 
     def answers(self, sample_rate: float, most: int) -> Array:
         """Return the response (3, n) at 1 m to a force of one sample along each axis."""
-        turns, gains = self.poles(sample_rate) / sample_rate, self.outputs(sample_rate)
-        count = int(min(np.ceil(_OVER / np.abs(turns.real).min()), max(most, 1)))
-        answers = np.imag(gains[:, None] * np.exp(np.outer(turns, np.arange(count))))
-        answers[:, 0] -= np.imag(gains / (1 - np.exp(turns)))
-        return answers / sample_rate
+        phase_steps, gains = self.poles(sample_rate) / sample_rate, self.outputs(sample_rate)
+        count = int(min(np.ceil(_OVER / np.abs(phase_steps.real).min()), max(most, 1)))
+        responses = np.imag(gains[:, None] * np.exp(np.outer(phase_steps, np.arange(count))))
+        responses[:, 0] -= np.imag(gains / (1 - np.exp(phase_steps)))
+        return responses / sample_rate

@@ -15,7 +15,7 @@ from struck.errors import OptionError, rounded
 from struck.model.arrays import Array, brief
 from struck.model.damping import Damping
 
-FADE = 0.01  # the attack goes over into the noise within this time, s
+FADE = 0.01  # cross-fade from the attack to the noise, s
 _GONE, _LONGEST = math.log(1000), 10.0  # noise lasts until -60 dB, at most s
 _SLOWEST = 1e-3  # decay of noise, 1/s
 _FINEST = 48_000  # largest denominator of a ratio of sample rates
@@ -62,8 +62,8 @@ class Residual:
                 f"a residual has {len(self.edges)} edges, {bands} levels and {len(self.decays)} "
                 "decays: give B + 1, B and B"
             )
-        ordered = np.all(np.diff(self.edges) > 0) and np.all(self.edges >= 0)
-        if not (ordered and np.all(self.levels >= 0) and np.all(self.decays > 0)):
+        is_ordered = np.all(np.diff(self.edges) > 0) and np.all(self.edges >= 0)
+        if not (is_ordered and np.all(self.levels >= 0) and np.all(self.decays > 0)):
             raise OptionError(
                 "a residual has bands in disorder, levels below 0 or decays that are not above 0: "
                 "fit the recording again"
@@ -83,7 +83,7 @@ class Residual:
     @property
     def size(self) -> int:
         """Size of the residual in a file, bytes."""
-        return sum(each.nbytes for each in (self.attack, self.edges, self.levels, self.decays))
+        return sum(array.nbytes for array in (self.attack, self.edges, self.levels, self.decays))
 
     def samples(self, sample_rate: int, seed: int = 0) -> Array:
         """Return the residual sound (n,), from `lead` before the onset of the modes on, read-only.
@@ -106,36 +106,36 @@ def _sound(residual: Residual, sample_rate: int, seed: int) -> Array:
     start = max(0, len(attack) - round(FADE * sample_rate))
     rising = np.sin(np.linspace(0, np.pi / 2, len(attack) - start)) ** 2
     noise[: len(rising)] *= rising[: len(noise)]
-    whole = np.zeros(max(len(attack), start + len(noise)))
-    whole[: len(attack)] = attack
-    whole[start : start + len(noise)] += noise
-    whole.setflags(write=False)
-    return whole
+    samples = np.zeros(max(len(attack), start + len(noise)))
+    samples[: len(attack)] = attack
+    samples[start : start + len(noise)] += noise
+    samples.setflags(write=False)
+    return samples
 
 
 def _noise(residual: Residual, sample_rate: int, seed: int) -> Array:
     """Return the sum of all bands: each the same white noise, cut out and made to decay."""
-    heard = np.flatnonzero((residual.levels > 0) & (residual.edges[:-1] < sample_rate / 2))
+    audible_bands = np.flatnonzero((residual.levels > 0) & (residual.edges[:-1] < sample_rate / 2))
     lengths = np.minimum(_GONE / residual.decays, _LONGEST) * sample_rate
-    lengths = np.array([next_fast_len(1 + round(each), real=True) for each in lengths])
-    total = np.zeros(lengths[heard].max(initial=0))
-    white = np.random.default_rng(seed).standard_normal(len(total))
-    for band in heard:
+    lengths = np.array([next_fast_len(1 + round(length), real=True) for length in lengths])
+    noise_sum = np.zeros(lengths[audible_bands].max(initial=0))
+    white = np.random.default_rng(seed).standard_normal(len(noise_sum))
+    for band in audible_bands:
         length, (low, high) = lengths[band], residual.edges[band : band + 2]
         frequencies = np.fft.rfftfreq(length, 1 / sample_rate)
-        inside = (frequencies >= low) & (frequencies < high)
-        noise = np.fft.irfft(np.fft.rfft(white[:length]) * inside, length)
+        in_band = (frequencies >= low) & (frequencies < high)
+        noise = np.fft.irfft(np.fft.rfft(white[:length]) * in_band, length)
         falling = np.exp(-residual.decays[band] * np.arange(length) / sample_rate)
         size = float(np.sqrt((noise * falling) @ (noise * falling) / (falling @ falling)))
         if size:
-            total[:length] += residual.levels[band] / size * noise * falling
-    return total
+            noise_sum[:length] += residual.levels[band] / size * noise * falling
+    return noise_sum
 
 
-def _resampled(samples: Array, now: int, wanted: int) -> Array:
-    if now == wanted or not samples.size:
+def _resampled(samples: Array, old_rate: int, new_rate: int) -> Array:
+    if old_rate == new_rate or not samples.size:
         return samples.copy()
     from scipy.signal import resample_poly
 
-    ratio = Fraction(wanted, now).limit_denominator(_FINEST)
+    ratio = Fraction(new_rate, old_rate).limit_denominator(_FINEST)
     return np.asarray(resample_poly(samples, ratio.numerator, ratio.denominator), np.float64)

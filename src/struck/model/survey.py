@@ -18,19 +18,19 @@ _LEAST = 1e-12  # less than that would only make denormal numbers, which process
 def shares(evidence: Array) -> Array:
     """Return the weight of each explanation (K, M), of sum 1 for each mode, by its log evidence."""
     # Modes are taken as draws from one mixture of the explanations. Its weights come from all
-    # modes by expectation maximisation, from equal ones: a mode with little evidence of its own
+    # modes by expectation maximisation, from equal ones: a mode with little evidence
     # goes with the others (empirical Bayes; C. M. Bishop, Pattern Recognition and Machine
     # Learning, Springer, 2006, chapter 9).
     count, modes = evidence.shape
     relative = np.exp(evidence - evidence.max(axis=0, initial=-np.inf))
     common = np.full(count, 1 / count)
-    believed = relative
+    weights = relative
     for _ in range(_ROUNDS):
-        believed = relative * common[:, None]
-        believed /= believed.sum(axis=0)
-        # As if one more mode had spoken for all alike: no weight ever vanishes.
-        common = (believed.sum(axis=1) + 1 / count) / (modes + 1)
-    return np.where(believed > _LEAST, believed, 0.0)
+        weights = relative * common[:, None]
+        weights /= weights.sum(axis=0)
+        # One more mode with equal evidence for all: no weight ever vanishes.
+        common = (weights.sum(axis=1) + 1 / count) / (modes + 1)
+    return np.where(weights > _LEAST, weights, 0.0)
 
 
 SYMMETRIES = ("none", "axial")
@@ -67,7 +67,7 @@ class Survey:
     frequencies : array (M,)
         Ringing, Hz.
     errors : array (n, M) or None
-        Standard errors of the gains, above 0: how much each counts. None: all count alike.
+        Standard errors of the gains, above 0: how much each counts. None: equal weights.
     centre : array (3,)
         Where the sound seems to come from, body coordinates, m.
     symmetry : str

@@ -46,17 +46,17 @@ class Separation:
         table.require_connected()
         drives, outputs = table.separated()
         known = table.listeners @ (table.weights * np.square(drives)[table.contact])
-        loud = known > _SILENT**2 * table.listeners @ table.weights
+        is_loud = known > _SILENT**2 * table.listeners @ table.weights
         energies = np.square(np.abs(outputs))
-        pushed = table.contacts @ (table.weights * energies[table.listener])
+        contact_powers = table.contacts @ (table.weights * energies[table.listener])
         variance = table.variance(drives, outputs) if survey.errors is None else 1.0
         return cls(
             drives=drives,
             outputs=outputs,
             weights=known,
             rank_errors=table.rank_errors(drives, outputs),
-            drive_errors=_part_errors(pushed, variance, drives**2),
-            output_errors=_part_errors(known * loud, variance, energies),
+            drive_errors=_part_errors(contact_powers, variance, drives**2),
+            output_errors=_part_errors(known * is_loud, variance, energies),
         )
 
 
@@ -94,13 +94,14 @@ class _Recordings:
         reached = np.zeros(self.contacts.shape[0])
         reached[self.contact[0]] = 1
         for _ in reached:
-            heard = self.listeners @ reached[self.contact] > 0
-            reached = (self.contacts @ heard[self.listener] > 0).astype(float)
-        lost = np.flatnonzero(self.contacts.sum(axis=1) * (reached == 0))
-        if len(lost):
+            is_connected = self.listeners @ reached[self.contact] > 0
+            reached = (self.contacts @ is_connected[self.listener] > 0).astype(float)
+        unconnected = np.flatnonzero(self.contacts.sum(axis=1) * (reached == 0))
+        if len(unconnected):
             raise OptionError(
-                f"contact {lost[0] + 1} shares no listener with contact {self.contact[0] + 1}, not "
-                "even by way of others: record one listener with all contacts"
+                f"contact {unconnected[0] + 1} shares no listener with contact "
+                f"{self.contact[0] + 1}, not even by way of others: record one listener with all "
+                "contacts"
             )
 
     def separated(self) -> tuple[Array, Complex]:
@@ -109,9 +110,9 @@ class _Recordings:
         energies = self.contacts @ (self.weights * np.square(np.abs(self.gains)))
         drives = (np.arange(len(energies))[:, None] == energies.argmax(axis=0)).astype(float)
         for _ in range(_SWEEPS):
-            last, heard = drives, self._outputs(drives)[self.listener]
-            agreement = self.contacts @ (self.weights * (heard.conj() * self.gains).real)
-            powers = self.contacts @ (self.weights * np.square(np.abs(heard)))
+            last, outputs = drives, self._outputs(drives)[self.listener]
+            agreement = self.contacts @ (self.weights * (outputs.conj() * self.gains).real)
+            powers = self.contacts @ (self.weights * np.square(np.abs(outputs)))
             drives = agreement * _inverse(powers)
             leading = np.abs(drives).argmax(axis=0)[None]
             drives = drives * _inverse(np.take_along_axis(drives, leading, axis=0))
@@ -120,19 +121,19 @@ class _Recordings:
         return drives, self._outputs(drives)
 
     def variance(self, drives: Array, outputs: Complex) -> float:
-        """Return the variance of the noise of a gain, alike in all modes; 0 where unknown."""
-        rest = self.gains - drives[self.contact] * outputs[self.listener]
+        """Return the variance of the noise of a gain, the same for all modes; 0 where unknown."""
+        residuals = self.gains - drives[self.contact] * outputs[self.listener]
         if self.surplus <= 0:
             return 0.0
-        return 2 * float(np.square(np.abs(rest)).sum()) / (self.surplus * rest.shape[1])
+        return 2 * float(np.square(np.abs(residuals)).sum()) / (self.surplus * residuals.shape[1])
 
     def rank_errors(self, drives: Array, outputs: Complex) -> Array:
         if self.surplus <= 0:
             return np.full(drives.shape[1], np.nan)
-        rest = self.gains - drives[self.contact] * outputs[self.listener]
+        residuals = self.gains - drives[self.contact] * outputs[self.listener]
         energies = (self.weights * np.square(np.abs(self.gains))).sum(axis=0)
-        shares = (self.weights * np.square(np.abs(rest))).sum(axis=0) * _inverse(energies)
-        return np.sqrt(shares * 2 * len(rest) / self.surplus)
+        shares = (self.weights * np.square(np.abs(residuals))).sum(axis=0) * _inverse(energies)
+        return np.sqrt(shares * 2 * len(residuals) / self.surplus)
 
     def _outputs(self, drives: Array) -> Complex:
         pushes = self.weights * drives[self.contact]
@@ -161,7 +162,7 @@ def _part_errors(weights: Array, variance: float, powers: Array) -> Array:
     return np.sqrt(np.where(powers.any(axis=0), shares, np.inf))
 
 
-# Distances over which shapes may stay alike, as shares of the range of a coordinate.
+# Length scales of the kernel, as fractions of the range of a coordinate.
 LENGTHS = (0.15, 0.2, 0.25, 0.35, 0.5, 0.7, 1.0, 1.5, 2.5)
 _NOISES = (1e-8, 1.0)  # the least keeps what is known twice over solvable
 
@@ -173,7 +174,7 @@ class ContactPart:
     lowest: Array  # (D,)
     spans: Array  # (D,), range of each coordinate
     contacts: Array  # (P, D), places that were struck, from 0 to 1 in each coordinate
-    factors: Array  # (K, P, M), weight of the likeness to each contact, for each of K lengths
+    factors: Array  # (K, P, M), weight of the kernel at each contact, for each of K length scales
 
     @classmethod
     def of(cls, contacts: Array, drives: Array, errors: Array) -> ContactPart:
@@ -187,12 +188,12 @@ class ContactPart:
         kernels = _likenesses(places, places).transpose(1, 0, 2)
         noises = np.clip(np.square(errors), *_NOISES)
         fits = [_fit_process(kernel, drives, noises) for kernel in kernels]
-        believed = shares(np.stack([evidence for evidence, _ in fits]))
+        posterior = shares(np.stack([evidence for evidence, _ in fits]))
         return cls(
             lowest=lowest,
             spans=spans,
             contacts=places,
-            factors=np.stack([factors for _, factors in fits]) * believed[:, None],
+            factors=np.stack([factors for _, factors in fits]) * posterior[:, None],
         )
 
     def at(self, points: Array) -> Array:
@@ -278,21 +279,21 @@ class ListenerPart:
     ) -> ListenerPart:
         """Fit outputs (Q, M) with weights (Q, M) at places (Q, 3) from the centre."""
         distances = np.linalg.norm(places, axis=1)
-        outside = (distances >= radius) & (distances > 0)
-        if not outside.any() or np.any(distances[~outside] >= radius):
+        is_outside = (distances >= radius) & (distances > 0)
+        if not is_outside.any() or np.any(distances[~is_outside] >= radius):
             raise OptionError(
-                f"{np.count_nonzero(outside)} of {len(places)} listeners are off the centre and at "
-                f"least radius={radius:g} m from it: one must be, and one on the centre needs a "
+                f"{np.count_nonzero(is_outside)} of {len(places)} listeners are off the centre and "
+                f"at least radius={radius:g} m from it: one must be, and one on the centre needs a "
                 "radius= above 0"
             )
-        heard = places[outside], outputs[outside], weights[outside]
+        samples = places[is_outside], outputs[is_outside], weights[is_outside]
         part = cls(
-            waves=SphericalWaves.of(*heard, wave_numbers, radius=radius, mirrored=mirrored),
+            waves=SphericalWaves.of(*samples, wave_numbers, radius=radius, mirrored=mirrored),
             inside=Inside.of(np.zeros((0, 3)), np.zeros((0, len(wave_numbers)), complex), places),
             mirrored=mirrored,
             turned=turned,
         )
-        return part._with_inside(places[~outside], outputs[~outside], places[outside])
+        return part._with_inside(places[~is_outside], outputs[~is_outside], places[is_outside])
 
     @property
     def rank(self) -> int:
@@ -301,9 +302,9 @@ class ListenerPart:
 
     def at(self, places: Array) -> Complex:
         """Return outputs at places (L, 3) from the centre: (L, R, M)."""
-        heard = self.waves.turned(places) if self.turned else self.waves.at(places)[:, None]
-        heard[:, 0] += self.inside.at(self._folded(places))
-        return heard
+        outputs = self.waves.turned(places) if self.turned else self.waves.at(places)[:, None]
+        outputs[:, 0] += self.inside.at(self._folded(places))
+        return outputs
 
     def chosen(self, modes: Index, size: float, factor: complex | Complex) -> ListenerPart:
         """Return some modes of a body `size` times as large, times a factor or one for each."""
@@ -315,8 +316,8 @@ class ListenerPart:
             return self
         missing = outputs - self.waves.at(places)
         folded, number = distinct(self._folded(places))
-        share = np.eye(len(folded))[number]
-        missing = share.T @ missing / share.sum(axis=0)[:, None]
+        incidence = np.eye(len(folded))[number]
+        missing = incidence.T @ missing / incidence.sum(axis=0)[:, None]
         return replace(self, inside=Inside.of(folded, missing, self._folded(outside)))
 
     def _folded(self, places: Array) -> Array:
@@ -337,7 +338,8 @@ def _closeness(some: Array, others: Array, reach: float) -> Array:
 # Errors of a part, over its root mean square, from which a mode counts as not measured, and from
 # which nothing of its listener part is used but the size.
 WORST, LOST = 0.1, 0.5
-_UNTOLD = 0.06  # energy by which listeners may be off when told by all others, over that heard
+# Limit of the error of listeners predicted from all others, by energy, over that recorded.
+_MAX_PREDICTION_ERROR = 0.06
 _FARTHEST = 50.0  # of listeners whose places are believed, m
 
 
@@ -361,8 +363,8 @@ class TimbreField(RecordedGains):
         How far gains are from a product, relative; NaN where that was not measured.
     unmeasured : array of int
         Modes of which a part is little known, as where the contact that most listeners heard has
-        a node, or where listeners are too few for a pattern. Those that drown in noise are heard
-        alike from all sides, as loud as where they were recorded best.
+        a node, or where listeners are too few for a pattern. Those below the noise
+        radiate equally in all directions, as loud as where they were recorded best.
     notes : tuple of str
         What a person should know: which modes are unmeasured, and the way out.
     is_calibrated, is_deconvolved : bool
@@ -383,7 +385,12 @@ class TimbreField(RecordedGains):
     @classmethod
     @checked
     def of(
-        cls, survey: Survey, *, radius: float = 0.0, worst: float = WORST, own: Mask | None = None
+        cls,
+        survey: Survey,
+        *,
+        radius: float = 0.0,
+        worst: float = WORST,
+        object_modes: Mask | None = None,
     ) -> TimbreField:
         """Make the timbre field of a survey.
 
@@ -395,8 +402,8 @@ class TimbreField(RecordedGains):
             none was recorded, none may be placed.
         worst : float
             Error of a part, over its root mean square, from which a mode is not measured.
-        own : array (M,) of bool, optional
-            Which modes are the object's: the notes tell of these alone; of all unless given.
+        object_modes : array (M,) of bool, optional
+            The modes of the object, to which the notes are limited. Default: all modes.
 
         Raises
         ------
@@ -405,7 +412,9 @@ class TimbreField(RecordedGains):
         """
         folded = survey.folded()
         parts = Separation.of(folded)
-        unclear = np.flatnonzero(~(np.maximum(parts.drive_errors, parts.output_errors) < worst))
+        unmeasured_modes = np.flatnonzero(
+            ~(np.maximum(parts.drive_errors, parts.output_errors) < worst)
+        )
         outputs, weights = _levelled(parts, folded)
         listener_part = ListenerPart.of(
             folded.places,
@@ -416,17 +425,19 @@ class TimbreField(RecordedGains):
             mirrored=survey.symmetry == "axial",
             turned=survey.turns,
         )
-        coarse = np.setdiff1d(_too_fine(folded, listener_part), unclear)
-        told = np.ones(len(survey.frequencies), bool) if own is None else own
-        notes = _notes(survey, told, unclear, worst)
-        notes += _grid_notes(folded, told, coarse, listener_part, radius)
+        unresolved_modes = np.setdiff1d(_too_fine(folded, listener_part), unmeasured_modes)
+        is_object_mode = (
+            np.ones(len(survey.frequencies), bool) if object_modes is None else object_modes
+        )
+        notes = _notes(survey, is_object_mode, unmeasured_modes, worst)
+        notes += _grid_notes(folded, is_object_mode, unresolved_modes, listener_part, radius)
         return cls(
             contact_part=ContactPart.of(folded.contacts, parts.drives, parts.drive_errors),
             listener_part=replace(listener_part, waves=replace(listener_part.waves, errors=None)),
             centre=survey.centre,
             radius=radius,
             rank_errors=parts.rank_errors,
-            unmeasured=np.union1d(unclear, coarse),
+            unmeasured=np.union1d(unmeasured_modes, unresolved_modes),
             notes=notes,
             is_calibrated=survey.calibrated,
         )
@@ -445,8 +456,8 @@ class TimbreField(RecordedGains):
     def bounds(self) -> tuple[Array, Array]:
         """Lowest and highest contact coordinates (D,); azimuths have none."""
         part = self.contact_part
-        endless = np.full(self.axes - len(part.spans), np.inf)
-        return np.append(part.lowest, -endless), np.append(part.lowest + part.spans, endless)
+        unbounded = np.full(self.axes - len(part.spans), np.inf)
+        return np.append(part.lowest, -unbounded), np.append(part.lowest + part.spans, unbounded)
 
     @property
     def count(self) -> int:
@@ -473,10 +484,10 @@ class TimbreField(RecordedGains):
         """
         del directions
         places = np.atleast_2d(np.asarray(points, np.float64))
-        wanted = 2 if self.listener_part.turned else len(self.contact_part.spans)
-        if places.shape[1] != wanted:
+        axes = 2 if self.listener_part.turned else len(self.contact_part.spans)
+        if places.shape[1] != axes:
             raise ContactError(
-                f"a contact has {places.shape[1]} coordinates: this field has {wanted}"
+                f"a contact has {places.shape[1]} coordinates: this field has {axes}"
             )
         if not self.listener_part.turned:
             return self.contact_part.at(places)[:, None]
@@ -528,23 +539,25 @@ class TimbreField(RecordedGains):
 
 
 def _levelled(parts: Separation, survey: Survey) -> tuple[Complex, Array]:
-    """Return outputs and weights, with modes that drown in noise made alike on all sides."""
+    """Return outputs and weights, equal in all directions for modes below the noise."""
     outputs, weights = parts.outputs.copy(), parts.weights.copy()
     distances = np.linalg.norm(survey.places, axis=1)
     for mode in np.flatnonzero(~(parts.output_errors < LOST)):
-        best = parts.weights[:, mode].argmax()
-        outputs[:, mode] = outputs[best, mode] * distances[best] / distances
+        loudest_index = parts.weights[:, mode].argmax()
+        outputs[:, mode] = outputs[loudest_index, mode] * distances[loudest_index] / distances
         weights[:, mode] = 1.0
     return outputs, weights
 
 
-def _notes(survey: Survey, own: Mask, unmeasured: Index, worst: float) -> tuple[str, ...]:
-    unmeasured = unmeasured[own[unmeasured]]
+def _notes(
+    survey: Survey, is_object_mode: Mask, unmeasured: Index, worst: float
+) -> tuple[str, ...]:
+    unmeasured = unmeasured[is_object_mode[unmeasured]]
     if not len(unmeasured):
         return ()
-    names = ", ".join(f"{each:.6g}" for each in survey.frequencies[unmeasured])
+    names = ", ".join(f"{frequency:.6g}" for frequency in survey.frequencies[unmeasured])
     note = (
-        f"{len(unmeasured)} of {np.count_nonzero(own)} modes were not measured to "
+        f"{len(unmeasured)} of {np.count_nonzero(is_object_mode)} modes were not measured to "
         f"{100 * worst:g} %, at {names} Hz: record all listeners with another contact as well, or "
         "with less noise"
     )
@@ -555,32 +568,35 @@ def _too_fine(survey: Survey, part: ListenerPart) -> Index:
     """Return the modes whose gain at a listener is not predicted by the other listeners."""
     if part.waves.errors is None or len(survey.places) - len(part.inside.places) < 2:
         return np.zeros(0, np.int64)
-    return np.flatnonzero(part.waves.errors > _UNTOLD)
+    return np.flatnonzero(part.waves.errors > _MAX_PREDICTION_ERROR)
 
 
 def _grid_notes(
-    survey: Survey, own: Mask, coarse: Index, part: ListenerPart, radius: float
+    survey: Survey, is_object_mode: Mask, modes: Index, part: ListenerPart, radius: float
 ) -> tuple[str, ...]:
     """Return notes on patterns that the listeners' grid cannot resolve, and the grid needed."""
-    notes, coarse = [], coarse[own[coarse]]
-    around, far = azimuths_of(survey.places), np.median(np.linalg.norm(survey.places, axis=1))
-    if far > _FARTHEST:
-        notes.append(f"listeners are {rounded(far, 3)} m away: give their places in m, not mm")
-    if part.mirrored and around <= ORDER:
-        taken = f"a mode of {around} or more waves around is taken for one of fewer"
+    notes, modes = [], modes[is_object_mode[modes]]
+    azimuth_count, distance = (
+        azimuths_of(survey.places),
+        np.median(np.linalg.norm(survey.places, axis=1)),
+    )
+    if distance > _FARTHEST:
+        notes.append(f"listeners are {rounded(distance, 3)} m away: give their places in m, not mm")
+    if part.mirrored and azimuth_count <= ORDER:
+        confusion = f"a mode of {azimuth_count} or more waves around is taken for one of fewer"
         notes.append(
-            f"listeners are at {counted(around, 'azimuth')} from the contact: "
-            f"{taken if around > 1 else 'modes are heard alike all around'}; record on a spiral, "
-            "each at another azimuth and height"
+            f"listeners are at {counted(azimuth_count, 'azimuth')} from the contact: "
+            f"{confusion if azimuth_count > 1 else 'modes are heard alike all around'}; record on "
+            "a spiral, each at another azimuth and height"
         )
-    if len(coarse):
-        tones = survey.frequencies[coarse]
+    if len(modes):
+        tones = survey.frequencies[modes]
         waves = 2 * np.pi * tones.max() / AIR.sound_speed * (radius or part.waves.limit)
         spacing = min(180 / (1 + waves), _spacing(survey.places) / 2)
-        names = ", ".join(f"{each:.6g}" for each in tones)
+        names = ", ".join(f"{frequency:.6g}" for frequency in tones)
         notes.append(
-            f"the directions of {len(coarse)} of {np.count_nonzero(own)} modes are finer than "
-            f"the listeners can tell, at {names} Hz: it takes listeners {rounded(spacing, 2)} "
+            f"the directions of {len(modes)} of {np.count_nonzero(is_object_mode)} modes are finer "
+            f"than the listeners can tell, at {names} Hz: it takes listeners {rounded(spacing, 2)} "
             "degrees apart"
         )
     return tuple(notes)

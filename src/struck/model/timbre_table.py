@@ -20,17 +20,17 @@ class GridAxis:
     """One coordinate of a grid."""
 
     nodes: Array  # (n,), ascending
-    period: float = 0.0  # after which the coordinate begins anew; 0 for none
+    period: float = 0.0  # of the coordinate; 0 for none
 
     @classmethod
     def through(cls, values: Array, period: float = 0.0) -> GridAxis:
         """Make the axis of all different values."""
         nodes = np.sort(values % period if period else values)
-        least = _CLOSE * max(period, float(np.ptp(nodes)), float(np.abs(nodes).max()))
-        kept = np.concatenate([[True], np.diff(nodes) > least])
-        if period and nodes[-1] > nodes[0] + period - least:
-            kept &= nodes < nodes[0] + period - least
-        return cls(nodes=nodes[kept], period=period)
+        min_spacing = _CLOSE * max(period, float(np.ptp(nodes)), float(np.abs(nodes).max()))
+        is_distinct = np.concatenate([[True], np.diff(nodes) > min_spacing])
+        if period and nodes[-1] > nodes[0] + period - min_spacing:
+            is_distinct &= nodes < nodes[0] + period - min_spacing
+        return cls(nodes=nodes[is_distinct], period=period)
 
     def weights(self, values: Array) -> Array:
         """Return the weight of each node at values (K,): (K, n); clamped beyond the ends."""
@@ -38,15 +38,17 @@ class GridAxis:
         if self.period:
             values = nodes[0] + (values - nodes[0]) % self.period
             nodes = np.append(nodes, nodes[0] + self.period)
-        below = np.clip(np.searchsorted(nodes, values, side="right") - 1, 0, max(len(nodes) - 2, 0))
-        above = np.minimum(below + 1, len(nodes) - 1)
-        gaps = nodes[above] - nodes[below]
-        shares = np.clip((values - nodes[below]) / np.where(gaps > 0, gaps, 1.0), 0.0, 1.0)
+        lower_indices = np.clip(
+            np.searchsorted(nodes, values, side="right") - 1, 0, max(len(nodes) - 2, 0)
+        )
+        upper_indices = np.minimum(lower_indices + 1, len(nodes) - 1)
+        gaps = nodes[upper_indices] - nodes[lower_indices]
+        shares = np.clip((values - nodes[lower_indices]) / np.where(gaps > 0, gaps, 1.0), 0.0, 1.0)
         shares = np.where(shares < _CLOSE, 0.0, np.where(shares > 1 - _CLOSE, 1.0, shares))
         weights = np.zeros((len(values), count))
         rows = np.arange(len(values))
-        np.add.at(weights, (rows, below), 1 - shares)
-        np.add.at(weights, (rows, above % count), shares)
+        np.add.at(weights, (rows, lower_indices), 1 - shares)
+        np.add.at(weights, (rows, upper_indices % count), shares)
         return weights
 
 
@@ -62,25 +64,25 @@ class Grid:
         """Return the weight of each place at points (K, axes): (K, count)."""
         products = np.ones((len(points), 1))
         for axis, values in zip(self.axes, points.T, strict=True):
-            share = axis.weights(values)
-            products = (products[:, :, None] * share[:, None]).reshape(len(points), -1)
-        gathered = np.zeros((self.count, len(points)))
-        np.add.at(gathered, self.sources, products.T)
-        return gathered.T
+            axis_weights = axis.weights(values)
+            products = (products[:, :, None] * axis_weights[:, None]).reshape(len(points), -1)
+        source_weights = np.zeros((self.count, len(points)))
+        np.add.at(source_weights, self.sources, products.T)
+        return source_weights.T
 
 
 def combinations(axes: tuple[GridAxis, ...]) -> Array:
     """Return the coordinates of all combinations of nodes, the last axis fastest (nodes, axes)."""
-    every = np.meshgrid(*(axis.nodes for axis in axes), indexing="ij")
-    return np.stack([each.ravel() for each in every], axis=1)
+    coordinate_grids = np.meshgrid(*(axis.nodes for axis in axes), indexing="ij")
+    return np.stack([grid.ravel() for grid in coordinate_grids], axis=1)
 
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SinglePoint(RecordedGains):
-    """Gains of a body struck at one place and heard from one, alike in all directions.
+    """Gains of a body struck at one place and recorded at one, equal in all directions.
 
-    Whatever contact is asked for, it is the recorded one. Where the microphone stood is not known:
+    Every requested contact is the recorded one. Where the microphone stood is not known:
     it counts as 1 m from the centre, from where sound falls as 1/r.
 
     Parameters
@@ -127,15 +129,15 @@ class SinglePoint(RecordedGains):
         if not distances.all():
             raise ContactError(
                 "a listener is 0 m from the body's centre, where 1/r has no end: move it away; "
-                "what was recorded is heard at 1 m"
+                "recordings count as made at 1 m"
             )
         return self.outputs / distances[:, None, None]
 
     def changed(self, frequencies: Array, modes: Index, size: float, density: float) -> SinglePoint:
         """Return the gains of chosen `modes` of a body with other frequencies, size or density.
 
-        Shapes go with (density size^3)^(-1/2) where a body is pushed and where it radiates; what
-        was heard at 1 m is heard at `size` m.
+        Shapes go with (density size^3)^(-1/2) where a body is pushed and where it radiates; the
+        pressure at 1 m is that at `size` m.
         """
         del frequencies
         return replace(
@@ -146,7 +148,7 @@ class SinglePoint(RecordedGains):
 
 
 SYSTEMS = ("spherical", "cartesian")
-_SAME = 1e-6  # share of the largest distance within which two places are the same
+_SAME_FRACTION = 1e-6  # share of the largest distance within which two places are the same
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -192,7 +194,7 @@ class TimbreTable(RecordedGains):
     def of(cls, survey: Survey, *, system: str = "spherical") -> TimbreTable:
         """Make the timbre table of a survey in a coordinate `system`, "spherical" or "cartesian".
 
-        A distance at which there is one listener alone is heard alike in all directions: as a point
+        At a distance with a single listener the gains are equal in all directions, as at a point
         inside the body.
 
         Raises
@@ -269,8 +271,8 @@ class TimbreTable(RecordedGains):
         Gains (P, Q) of a mode come nearest to a product of real drives (P,) and outputs (Q,) where
         the drives are the leading eigenvector of Re(G G*).
         """
-        together = np.einsum("pqm,rqm->mpr", self.gains, self.gains.conj()).real
-        drives = np.linalg.eigh(together)[1][:, :, -1]
+        products = np.einsum("pqm,rqm->mpr", self.gains, self.gains.conj()).real
+        drives = np.linalg.eigh(products)[1][:, :, -1]
         leading = np.take_along_axis(drives, np.abs(drives).argmax(axis=1)[:, None], axis=1)
         moved = self._weights(points) @ (drives / leading).T
         return np.broadcast_to(
@@ -326,21 +328,21 @@ def _coordinates(places: Array, system: str, *, mirrored: bool) -> Array:
 def _spherical_grid(places: Array, *, mirrored: bool) -> Grid:
     """Return the grid of listeners over distance, azimuth and polar angle."""
     distance, azimuth, polar = _coordinates(places, "spherical", mirrored=mirrored).T
-    beside = np.sin(polar) > _SAME
+    off_axis = np.sin(polar) > _SAME_FRACTION
     axes = (
         GridAxis.through(distance),
         GridAxis.through(
-            azimuth[beside] if beside.any() else np.zeros(1), 0 if mirrored else 2 * np.pi
+            azimuth[off_axis] if off_axis.any() else np.zeros(1), 0 if mirrored else 2 * np.pi
         ),
         GridAxis.through(polar),
     )
     nodes = combinations(axes)
-    reach = _SAME * distance.max()
+    reach = _SAME_FRACTION * distance.max()
     gaps = np.linalg.norm(from_spherical(*nodes.T)[:, None] - places, axis=2)
     level = np.abs(nodes[:, :1] - distance) <= reach
-    alone = np.count_nonzero(level, axis=1) == 1
+    is_alone = np.count_nonzero(level, axis=1) == 1
     sources = np.where(level, gaps, np.inf).argmin(axis=1)
-    missing = ~alone & (gaps.min(axis=1) > reach)
+    missing = ~is_alone & (gaps.min(axis=1) > reach)
     _require_complete(nodes, missing, "distance, azimuth, polar angle")
     return Grid(axes=axes, sources=sources, count=len(places))
 
@@ -350,7 +352,7 @@ def _plain_grid(places: Array, what: str) -> Grid:
     axes = tuple(GridAxis.through(values) for values in places.T)
     nodes = combinations(axes)
     gaps = np.linalg.norm(nodes[:, None] - places, axis=2)
-    reach = _SAME * max(float(np.abs(places).max()), np.finfo(np.float64).tiny)
+    reach = _SAME_FRACTION * max(float(np.abs(places).max()), np.finfo(np.float64).tiny)
     _require_complete(nodes, gaps.min(axis=1) > reach, what)
     return Grid(axes=axes, sources=gaps.argmin(axis=1), count=len(places))
 

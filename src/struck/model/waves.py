@@ -49,7 +49,7 @@ def near_field(order: int) -> Complex:
 # may have of the scale of the amplitudes, whose own variance falls with the degree.
 NOISES = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
 _BESIDE = 1e-2  # rad: nearer azimuths count as one
-_FREE = 100.0  # for the monopole: what a single listener heard must not shrink
+_FREE = 100.0  # for the monopole: a single listener's output must not shrink
 _EXPLAINED = 0.75  # share of the energy that waves must explain for their phases to be believed
 
 
@@ -95,9 +95,9 @@ def fit_waves(
 ) -> tuple[Complex, Array]:
     """Return parts (K, B, M) of r^-(k+1) Y_lm, fitted to outputs at places, and their error.
 
-    The error (M,) is that of each listener as told by all others, over what was heard, by energy;
-    infinite where the places cannot tell an angular order, or not so many degrees as a body of
-    these sizes (M,), wave number times radius, radiates.
+    The error (M,) is that of listeners predicted from all others, over the recorded, by energy;
+    infinite where the places cannot resolve an angular order, or the number of degrees that a body
+    of these sizes (M,), wave number times radius, radiates.
     """
     # Law, highest degree and noise are averaged over by their evidence (Rasmussen & Williams,
     # Gaussian Processes for Machine Learning, MIT Press, 2006, chapters 2 and 5).
@@ -108,23 +108,27 @@ def fit_waves(
     problems = [_Problem.of(harmonics * law.at(distances), outputs, weights) for law in laws]
     cases = list(product(range(len(laws)), choices, NOISES))
     fits = [problems[number].solved(chosen, noise) for number, (chosen, _), noise in cases]
-    evidence = np.stack([each for each, _ in fits])
-    believed = shares(evidence)
+    evidence = np.stack([values for values, _ in fits])
+    posterior = shares(evidence)
     degree = degrees(order)[0]
     parts = np.zeros((order + 1, len(degree), outputs.shape[1]), np.complex128)
-    for share, (number, (chosen, _), _), (_, found) in zip(believed, cases, fits, strict=True):
-        if share.any():
-            parts[:, chosen] += laws[number].coefficients[:, chosen] * (share * found.T)
-    used = max(ORDER, int(degree[parts.any(axis=(0, 2))].max(initial=0)))
+    for probabilities, (number, (chosen, _), _), (_, amplitudes) in zip(
+        posterior, cases, fits, strict=True
+    ):
+        if probabilities.any():
+            parts[:, chosen] += laws[number].coefficients[:, chosen] * (
+                probabilities * amplitudes.T
+            )
+    highest_degree = max(ORDER, int(degree[parts.any(axis=(0, 2))].max(initial=0)))
     errors = np.zeros(outputs.shape[1])
-    best = believed.argmax(axis=0)
-    for case in np.unique(best):
+    best_cases = posterior.argmax(axis=0)
+    for case in np.unique(best_cases):
         number, (chosen, _), noise = cases[case]
-        modes = np.flatnonzero(best == case)
+        modes = np.flatnonzero(best_cases == case)
         errors[modes] = problems[number].left_out_errors(modes, chosen, noise, fits[case][1])
     turns = np.array([turns for _, (_, turns), _ in cases])
-    errors[_untold(evidence, turns, best, _polar_angles(places), sizes)] = np.inf
-    return parts[: used + 1, : (used + 1) ** 2], errors
+    errors[_find_ambiguous(evidence, turns, best_cases, _polar_angles(places), sizes)] = np.inf
+    return parts[: highest_degree + 1, : (highest_degree + 1) ** 2], errors
 
 
 _ANY = -1  # instead of an angular order
@@ -136,7 +140,7 @@ def _choices(order: int, places: Array, *, mirrored: bool) -> list[tuple[Mask, i
     """Return sets of harmonics, never more than places, each with its angular order or `_ANY`.
 
     Outputs that are `mirrored` are even in y, and as a rule of one angular order, as modes of a
-    body round about the z axis are; places at one azimuth leave them alike at all.
+    body round about the z axis are; places at one azimuth cannot distinguish orders.
     """
     degree, angular = degrees(order)
     highest_order = order if azimuths_of(places) > 1 else 0
@@ -145,20 +149,22 @@ def _choices(order: int, places: Array, *, mirrored: bool) -> list[tuple[Mask, i
     for turns in range(highest_order + 1) if mirrored else ():
         highest = range(max(turns, 1), order + 1)
         choices += [((angular == turns) & (degree <= most), turns) for most in highest]
-    return [each for each in choices if np.count_nonzero(each[0]) <= len(places)]
+    return [item for item in choices if np.count_nonzero(item[0]) <= len(places)]
 
 
-def _untold(evidence: Array, turns: Index, best: Index, angles: int, sizes: Array | None) -> Mask:
+def _find_ambiguous(
+    evidence: Array, turns: Index, best: Index, angles: int, sizes: Array | None
+) -> Mask:
     """Return the modes (M,) whose angular order the listeners' places leave open.
 
     Only orders that a body of these sizes (M,) radiates count. Named are also modes whose degrees,
     from the order up to the size, outnumber polar angles.
     """
-    own = turns[best]
-    sizes = np.full(len(own), np.nan) if sizes is None else sizes
-    rivals = (turns[:, None] != own) & (turns[:, None] != _ANY) & ~(turns[:, None] > sizes)
-    alike = evidence.max(axis=0) - np.where(rivals, evidence, -np.inf).max(axis=0) < _SURE
-    return (own != _ANY) & (alike | (np.floor(sizes) - own + 1 > angles))
+    orders = turns[best]
+    sizes = np.full(len(orders), np.nan) if sizes is None else sizes
+    rivals = (turns[:, None] != orders) & (turns[:, None] != _ANY) & ~(turns[:, None] > sizes)
+    is_ambiguous = evidence.max(axis=0) - np.where(rivals, evidence, -np.inf).max(axis=0) < _SURE
+    return (orders != _ANY) & (is_ambiguous | (np.floor(sizes) - orders + 1 > angles))
 
 
 def _polar_angles(places: Array) -> int:
@@ -169,8 +175,8 @@ def _polar_angles(places: Array) -> int:
 
 def azimuths_of(places: Array) -> int:
     """Return at how many azimuths off the axis, left as right, places (Q, 3) are; at least 1."""
-    beside = np.hypot(places[:, 0], places[:, 1]) > _BESIDE * np.linalg.norm(places, axis=1)
-    angles = np.arctan2(np.abs(places[beside, 1]), places[beside, 0])
+    off_axis = np.hypot(places[:, 0], places[:, 1]) > _BESIDE * np.linalg.norm(places, axis=1)
+    angles = np.arctan2(np.abs(places[off_axis, 1]), places[off_axis, 0])
     return max(1, len(np.unique(np.round(angles / _BESIDE))))
 
 
@@ -190,17 +196,17 @@ class _Problem:
     @classmethod
     def of(cls, design: Complex, outputs: Complex, weights: Array) -> _Problem:
         count = np.maximum(np.count_nonzero(weights, axis=0), 1)
-        even = (weights * count / np.maximum(weights.sum(axis=0), np.finfo(float).tiny)).T
-        weighted = design.conj().transpose(0, 2, 1) * even[:, None]
+        even_weights = (weights * count / np.maximum(weights.sum(axis=0), np.finfo(float).tiny)).T
+        weighted = design.conj().transpose(0, 2, 1) * even_weights[:, None]
         degree = degrees(math.isqrt(design.shape[2]) - 1)[0]
         return cls(
             design=design,
             outputs=outputs,
-            weights=even,
+            weights=even_weights,
             variances=np.where(degree == 0, _FREE, 1 / (1.0 + degree * (degree + 1))),
             matrices=weighted @ design,
             sides=(weighted @ outputs.T[:, :, None])[:, :, 0],
-            energies=(even * np.square(np.abs(outputs.T))).sum(axis=1),
+            energies=(even_weights * np.square(np.abs(outputs.T))).sum(axis=1),
             count=count,
         )
 
@@ -208,25 +214,27 @@ class _Problem:
         """Return evidence (M,) and amplitudes (M, B) of the chosen harmonics for one noise."""
         matrices = self._damped(chosen, noise)
         sides = self.sides[:, chosen]
-        found = np.linalg.solve(matrices, sides[:, :, None])[:, :, 0]
-        misfit = self.energies - (sides.conj() * found).real.sum(axis=1)
+        amplitudes = np.linalg.solve(matrices, sides[:, :, None])[:, :, 0]
+        misfit = self.energies - (sides.conj() * amplitudes).real.sum(axis=1)
         spread = np.linalg.slogdet(matrices)[1] + np.log(self.variances[chosen]).sum()
-        unused = self.count - np.count_nonzero(chosen)
+        unused_count = self.count - np.count_nonzero(chosen)
         tiny = np.finfo(np.float64).tiny
         evidence = -self.count * np.log(np.maximum(misfit, tiny) / noise)
-        evidence -= spread + unused * np.log(noise)
-        return evidence, np.asarray(found, np.complex128)
+        evidence -= spread + unused_count * np.log(noise)
+        return evidence, np.asarray(amplitudes, np.complex128)
 
-    def left_out_errors(self, modes: Index, chosen: Mask, noise: float, found: Complex) -> Array:
+    def left_out_errors(
+        self, modes: Index, chosen: Mask, noise: float, amplitudes: Complex
+    ) -> Array:
         """Return each mode's error when each listener is predicted by the others, by energy."""
         design = self.design[modes if len(self.design) > 1 else [0]][:, :, chosen]
-        heard, weights = self.outputs.T[modes], self.weights[modes]
+        outputs, weights = self.outputs.T[modes], self.weights[modes]
         inverses = np.linalg.inv(self._damped(chosen, noise)[modes])
-        own = weights * np.einsum("mqb,mbc,mqc->mq", design, inverses, design.conj()).real
-        rest = heard - (design @ found[modes][:, :, None])[:, :, 0]
-        lost = weights * np.square(np.abs(rest) / np.maximum(1 - own, 1e-6))
-        energies = (weights * np.square(np.abs(heard))).sum(axis=1)
-        return lost.sum(axis=1) / np.maximum(energies, np.finfo(float).tiny)
+        leverages = weights * np.einsum("mqb,mbc,mqc->mq", design, inverses, design.conj()).real
+        residuals = outputs - (design @ amplitudes[modes][:, :, None])[:, :, 0]
+        squared_errors = weights * np.square(np.abs(residuals) / np.maximum(1 - leverages, 1e-6))
+        energies = (weights * np.square(np.abs(outputs))).sum(axis=1)
+        return squared_errors.sum(axis=1) / np.maximum(energies, np.finfo(float).tiny)
 
     def _damped(self, chosen: Mask, noise: float) -> Complex:
         matrices = self.matrices[:, chosen][:, :, chosen]
@@ -241,7 +249,7 @@ class SphericalWaves:
     limit: float  # distance down to which the law is trusted, m; nearer, Y_lm goes as r^l Y_lm
     # (M,), modes with more lobes than listeners: levels alone, of one phase
     levelled: Mask
-    # (M,): energy by which listeners are off when told by all others, over that heard; in fields
+    # (M,): error of listeners predicted from all others, by energy, over that recorded; in fields
     # None
     errors: Array | None = None
 
@@ -289,18 +297,18 @@ class SphericalWaves:
 
     def turned(self, places: Array) -> Complex:
         """Return the pressure by angular order: (L, 2 ORDER + 1, M)."""
-        # A contact at azimuth a is heard as the sum with the factors 1, cos a, sin a, cos 2 a ...
-        seen = self._outgoing(places)
+        # A contact at azimuth a has the pressure with the factors 1, cos a, sin a, cos 2 a ...
+        functions = self._outgoing(places)
         highest = len(self.parts) - 1
         angular = degrees(highest)[1]
         sides = [0, *(side for order in range(1, highest + 1) for side in (order, -order))]
-        heard = [
+        pressures = [
             np.einsum(
-                "lkb,kbm->lm", seen[:, :, side == angular], self.parts[:, abs(side) == angular]
+                "lkb,kbm->lm", functions[:, :, side == angular], self.parts[:, abs(side) == angular]
             )
             for side in sides
         ]
-        return np.stack(heard, axis=1)
+        return np.stack(pressures, axis=1)
 
     def chosen(self, modes: Index, size: float, factor: complex | Complex) -> SphericalWaves:
         """Return some modes of a body `size` times as large, which rings as much lower."""
@@ -321,7 +329,7 @@ class SphericalWaves:
 
 def _of_one_size(*parts: Complex) -> list[Complex]:
     """Return parts with as many powers and harmonics as the largest."""
-    most = max(len(each) for each in parts)
-    grown = [most - len(each) for each in parts]
-    pads = [((0, more), (0, most**2 - (most - more) ** 2), (0, 0)) for more in grown]
-    return [np.pad(each, pad) for each, pad in zip(parts, pads, strict=True)]
+    most = max(len(part) for part in parts)
+    padding = [most - len(part) for part in parts]
+    pads = [((0, more), (0, most**2 - (most - more) ** 2), (0, 0)) for more in padding]
+    return [np.pad(part, pad) for part, pad in zip(parts, pads, strict=True)]

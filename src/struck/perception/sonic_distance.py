@@ -51,7 +51,7 @@ class HeardModel:
         listeners = _places(model, listener)
         target_level = LEVEL if level is None else level
         hint = "give dB re 20 micropascal, such as 85"
-        require_number("level", target_level, -_MAX_LEVEL, _MAX_LEVEL, wanted=hint)
+        require_number("level", target_level, -_MAX_LEVEL, _MAX_LEVEL, hint=hint)
         if not len(model.frequencies):
             raise OptionError("the model has 0 modes, so there is nothing to hear: widen its band")
         hearing = cls(

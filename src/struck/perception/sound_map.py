@@ -211,7 +211,7 @@ def sound_map(
 ) -> SoundMap:
     """Choose the fewest contacts that cover a body, and their sounds (see `struck.sound_map`)."""
     hint = "it must exceed 0, such as 3, and 0.1 dB is the least that is told apart"
-    require_number("threshold_db", threshold_db, 0.1, wanted=hint)
+    require_number("threshold_db", threshold_db, 0.1, hint=hint)
     surface = surface_of(model)
     hearing = HeardModel.at(model, listener, level)
     if len(hearing.listeners) > 1:

@@ -167,7 +167,7 @@ def _fit_takes(
     key = fingerprint([(take.samples, take.sample_rate) for take in takes])
 
     def run_stage(name: str, compute: Callable[[], Exponentials]) -> Exponentials:
-        return stages.kept(_RINGING, compute, name=name, takes=key, **options)
+        return stages.get_or_compute(_RINGING, compute, name=name, takes=key, **options)
 
     return fit_poles(takes, **options, progress=progress, run_stage=run_stage)
 
@@ -386,7 +386,7 @@ def _gains(
     survey = gain_table.survey(recording_set)
     if interpolation == "table":
         return survey, TimbreTable.of(survey)
-    return survey, TimbreField.of(survey, radius=radius, own=is_object_mode)
+    return survey, TimbreField.of(survey, radius=radius, object_modes=is_object_mode)
 
 
 def _loudest_contact(survey: Survey, decays: Array) -> Array:

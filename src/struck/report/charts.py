@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.image import AxesImage
 
 INK, FAINT, GRID = "#222222", "#6b6b6b", "#dddddd"  # read first, read second, lines behind
-BLUE, ORANGE = "#20558a", "#d1611c"  # one thing, and another beside it
+BLUE, ORANGE = "#20558a", "#d1611c"  # two things to compare
 RANGE = 90.0  # levels shown below the strongest, dB
 _BANDS = 1200
 _TICKS = (20, 50, 100, 200, 500, 1000, 2000, 5000, 10000, 20000)
@@ -72,7 +72,7 @@ def overview(
         Where the sound's strike was, in words, above its spectrum.
     """
     if not len(model.frequencies) and model.recoil is None:
-        sound = None  # nothing is heard
+        sound = None  # silent
     title = description(model) if title is None else title
     if not isinstance(model.gains, ShapeGains):  # of a body that was recorded
         return _unshaped_overview(model, sound, title, at)
@@ -187,7 +187,7 @@ def quantity(value: float, unit: str, digits: int = 2) -> str:
     number = float(rounded(value, digits))
     if not number:
         return f"0 {unit}"
-    fitting = (each for each, factor in _PREFIXES.items() if abs(number) >= factor)
+    fitting = (prefix for prefix, factor in _PREFIXES.items() if abs(number) >= factor)
     prefix = next(fitting, "n")
     return f"{rounded(number / _PREFIXES[prefix], digits)} {prefix}{unit}"
 
@@ -257,11 +257,11 @@ def _draw_ringing(axes: Axes, model: ModalModel) -> None:
 
 def _levels(sound: Sound) -> tuple[Array, Array]:
     """Return audible frequencies, and levels of all channels together."""
-    lacking = max(0, round(_SHORTEST * sound.sample_rate) - sound.samples.shape[1])
-    longer = replace(sound, samples=np.pad(sound.samples, ((0, 0), (0, lacking))))
-    frequencies, values = longer.spectrum()
-    heard = frequencies >= min(20.0, frequencies[-1] / 2)
-    return frequencies[heard], decibels(np.square(values[:, heard]).sum(axis=0))
+    missing_count = max(0, round(_SHORTEST * sound.sample_rate) - sound.samples.shape[1])
+    padded_sound = replace(sound, samples=np.pad(sound.samples, ((0, 0), (0, missing_count))))
+    frequencies, values = padded_sound.spectrum()
+    is_audible = frequencies >= min(20.0, frequencies[-1] / 2)
+    return frequencies[is_audible], decibels(np.square(values[:, is_audible]).sum(axis=0))
 
 
 def _lowest_shown(frequencies: Array, highest: float) -> float:
@@ -270,16 +270,18 @@ def _lowest_shown(frequencies: Array, highest: float) -> float:
     return min(lowest, highest / 2)
 
 
-def _peaks(frequencies: Array, levels: Array, most: int = 8) -> list[int]:
+def _peaks(frequencies: Array, levels: Array, count: int = 8) -> list[int]:
     """Return the strongest peaks whose labels do not collide: 25 %, or 10 % and 6 dB, apart."""
     from scipy.signal import find_peaks
 
-    found, _ = find_peaks(levels, height=-60, prominence=12)
+    peaks, _ = find_peaks(levels, height=-60, prominence=12)
     chosen: list[int] = []
-    for peak in found[np.argsort(-levels[found])]:
-        apart = np.abs(np.log(frequencies[chosen] / frequencies[peak]))
-        higher = np.abs(levels[chosen] - levels[peak])
-        if len(chosen) < most and bool(((apart > 0.25) | ((apart > 0.1) & (higher > 6))).all()):
+    for peak in peaks[np.argsort(-levels[peaks])]:
+        distances = np.abs(np.log(frequencies[chosen] / frequencies[peak]))
+        differences = np.abs(levels[chosen] - levels[peak])
+        if len(chosen) < count and bool(
+            ((distances > 0.25) | ((distances > 0.1) & (differences > 6))).all()
+        ):
             chosen.append(int(peak))
     return chosen
 

@@ -53,18 +53,18 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# What a model is compared with: another model, a recording, or modes that somebody fitted.
+# What a model is compared with: another model, a recording, or fitted modes.
 Other = ModalModel | FittedModes | Sound | Take | str | os.PathLike[str]
 
 FEWEST = 64  # modes that are fitted at least, where that many stand out
-# Of the table of paired modes.
+# Headings of the table of paired modes.
 HEADINGS = ("mode", "model (Hz)", "other (Hz)", "cents", "T60 model (s)", "T60 other (s)",
             "decay (%)", "level (dB)", "sure (%)")  # fmt: skip
 _COLOURS = (BLUE, ORANGE)  # of the first side and of the second
-_DOUBT = 0.1  # audibility of a mode at least: nobody strikes a node so well, or tells where
+_DOUBT = 0.1  # least audibility of a mode: no real strike is exactly on a node
 _BEFORE = 0.02  # of a recording before its hit, s
 _EARS = 2
-_FEW = 0.5  # share of two models' modes in pairs below which these say little
+_MIN_PAIRED_FRACTION = 0.5  # share of two models' modes in pairs below which these say little
 _SILENT = 1e-6
 _SHARED = 1e-3  # relative distance of modes that ring as one
 _QUIETEST = -60.0  # modes that far below the loudest one's energy, dB, are as often heard as not
@@ -93,7 +93,7 @@ class Comparison:
         Median of the level differences, dB, taken out of them unless both are calibrated.
     missing : array
         Numbers of the model's modes that the other lacks though they should be heard; a fit's modes
-        that stand for the blow are not missed, nor extra.
+        of the blow are neither missing nor extra.
     twins : array
         Numbers of the model's unpaired modes that share their frequency with a paired one, as those
         of a round body do: they are heard as one.
@@ -131,24 +131,29 @@ class Comparison:
 
     def summary(self) -> list[str]:
         """Return the differences of both sides, a line each."""
-        mine, theirs = (len(each.partials.frequencies) for each in (self.model, self.other))
+        model_count, other_count = (
+            len(item.partials.frequencies) for item in (self.model, self.other)
+        )
         name, pairs = self.other.name, counted(len(self.cents), "pair")
+        modes = counted(model_count, "mode")
         lines = [
-            f"{pairs} of {counted(mine, 'mode')} of the model and {theirs} of the {name}",
+            f"{pairs} of {modes} of the model and {other_count} of the {name}",
             f"{len(self.missing)} of the model should be in the {name} and are not",
             f"{len(self.extra)} of the {name} should be in the model and are not",
         ]
         if len(self.twins):
-            alike = f"{len(self.twins)} of the model share a frequency with a paired one"
-            lines.insert(1, f"{alike}, and are heard with it")
+            twins = f"{len(self.twins)} of the model share a frequency with a paired one"
+            lines.insert(1, f"{twins}, and are heard with it")
         lines += [f"the {side.name} is {side.struck}" for side in (self.model, self.other)]
         if not self.explained:
-            share = 100 * min(1.0, self.by_chance / max(len(self.cents), 1))
+            percentage = 100 * min(1.0, self.by_chance / max(len(self.cents), 1))
             lines.append("caution: random modes would agree as well; this may be another body")
-            lines.append(f"about {share:.0f} % of the pairs would be found by chance")
-        if name == "other model" and len(self.cents) < _FEW * min(mine, theirs):
-            told = "which says little of two designs: see their sonic distance"
-            lines.append(f"caution: {pairs} by frequency alone, {told}")
+            lines.append(f"about {percentage:.0f} % of the pairs would be found by chance")
+        if name == "other model" and len(self.cents) < _MIN_PAIRED_FRACTION * min(
+            model_count, other_count
+        ):
+            caveat = "which says little of two designs: see their sonic distance"
+            lines.append(f"caution: {pairs} by frequency alone, {caveat}")
         lines += [f"note: {note}" for note in self.notes]
         if not len(self.cents):
             return lines
@@ -183,7 +188,7 @@ class Comparison:
         return list(zip(*columns, strict=True))
 
     def page(self) -> str:
-        """Return an HTML page of its own: sounds, spectra, differences and the table of modes."""
+        """Return a complete HTML page: sounds, spectra, differences and the table of modes."""
         return _page(self)
 
     def save_page(self, path: str | os.PathLike[str]) -> None:
@@ -227,18 +232,20 @@ def compare(
         )
     else:
         theirs = _recorded_side(other, against, recording, model, progress)
-        way = "" if strike or at is not None else "; give the place or the blow where you know them"
+        hint = (
+            "" if strike or at is not None else "; give the place or the blow where you know them"
+        )
         theirs = replace(
-            theirs, struck=f"taken to be of that strike, of which it tells nothing{way}"
+            theirs, struck=f"taken to be of that strike, of which it tells nothing{hint}"
         )
     mine = Side.of_model("model", model, blow, listener, begins=theirs.begins)
     audible = None if theirs.computed else np.maximum(mine.audible, _DOUBT)
     pairing = paired(theirs.partials, model, widest=widest, audible=audible)
-    sure, by_chance = pairing.support > 0, 0.0
-    if not sure:
+    is_explained, by_chance = pairing.support > 0, 0.0
+    if not is_explained:
         by_chance = pairs_by_chance(theirs.partials, model, widest=widest)
-        sure = explains(theirs.partials, model, pairing) and by_chance < len(pairing) / 2
-    return replace(_compared(mine, theirs, pairing), explained=sure, by_chance=by_chance)
+        is_explained = explains(theirs.partials, model, pairing) and by_chance < len(pairing) / 2
+    return replace(_compared(mine, theirs, pairing), explained=is_explained, by_chance=by_chance)
 
 
 def _require_place(name: str, model: ModalModel, strike: Strike) -> None:
@@ -283,34 +290,34 @@ def _compared(mine: Side, theirs: Side, pairing: Pairing) -> Comparison:
     tones, others = mine.partials, theirs.partials
     levels = theirs.levels[two] - mine.levels[one]
     offset = float(np.nanmedian(levels)) if np.isfinite(levels).any() else 0.0
-    absolute = mine.calibrated and theirs.calibrated
+    is_absolute = mine.calibrated and theirs.calibrated
     decays = np.where(tones.decays[one] > 0, tones.decays[one], np.nan)
     missing = mine.missing_from(pairing.missing, theirs, pairing.factor)
-    apart = np.abs(tones.frequencies[missing, None] / tones.frequencies[one] - 1)
-    twins = apart.min(axis=1, initial=np.inf) < _SHARED
+    deviations = np.abs(tones.frequencies[missing, None] / tones.frequencies[one] - 1)
+    is_twin = deviations.min(axis=1, initial=np.inf) < _SHARED
     return Comparison(
         model=mine,
         other=theirs,
         pairing=pairing,
         cents=1200 * np.log2(others.frequencies[two] / tones.frequencies[one]),
         decay_ratios=others.decays[two] / decays,
-        level_differences=levels if absolute else levels - offset,
+        level_differences=levels if is_absolute else levels - offset,
         level_offset=offset,
-        missing=missing[~twins],
-        twins=missing[twins],
+        missing=missing[~is_twin],
+        twins=missing[is_twin],
         extra=theirs.missing_from(pairing.extra, mine, 1 / pairing.factor),
         explained=True,
     )
 
 
 def _spread(values: Array, unit: str) -> str:
-    known = values[np.isfinite(values)]
-    if not known.size:
+    finite_values = values[np.isfinite(values)]
+    if not finite_values.size:
         return f"an unknown number of {unit}"
-    low, middle, high = np.round(np.quantile(known, [0.1, 0.5, 0.9]), 3) + 0.0
+    low, middle, high = np.round(np.quantile(finite_values, [0.1, 0.5, 0.9]), 3) + 0.0
     if not (low or high):
         return f"less than 0.001 {unit}"
-    median, lowest, highest = (rounded(each, 3, sign=True) for each in (middle, low, high))
+    median, lowest, highest = (rounded(value, 3, sign=True) for value in (middle, low, high))
     return f"{median} {unit} in the median, most by {lowest} to {highest} {unit}"
 
 
@@ -338,15 +345,15 @@ def _recorded_side(
 ) -> Side:
     """Return the side of a recording or fitted modes; parameters as in `compare`."""
     if against is not None:
-        raise OptionError("against= tells how another model is struck: a recording was struck once")
+        raise OptionError("against= is the strike of another model: a recording was struck once")
     if not isinstance(other, Sound | Take | str | os.PathLike):
         return Side.of_recording(other, recording)
     if recording is not None:
-        raise OptionError("recording= belongs to fitted modes: a sound is heard as it is")
+        raise OptionError("recording= belongs to fitted modes: a sound needs none")
     # Modes under a budget must not be spent on the blow itself, unless the model's were.
-    every = model.provenance.details.get("modes_sought") == "all"
-    budget = None if every else max(FEWEST, len(model.frequencies))
-    return Side.of_take(_take(other), budget, progress, attack=model.recorded and not every)
+    has_all_modes = model.provenance.details.get("modes_sought") == "all"
+    budget = None if has_all_modes else max(FEWEST, len(model.frequencies))
+    return Side.of_take(_take(other), budget, progress, attack=model.recorded and not has_all_modes)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -363,7 +370,7 @@ class Side:
     begins: float = 0.0  # when amplitudes count, s after the strike began; 0: when it is over
     struck: str = ""  # where and how it was struck, in words
     notes: tuple[str, ...] = ()  # remarks for the reader
-    blow: Mask | bool = False  # which modes stand for the blow: nobody misses them
+    blow: Mask | bool = False  # modes of the blow, which are never missing
 
     @classmethod
     def of_model(
@@ -403,7 +410,7 @@ class Side:
 
     @classmethod
     def of_recording(cls, fitted: FittedModes, recording: Sound | None = None) -> Side:
-        """Make a side of fitted modes, with the recording or with their own sound."""
+        """Make a side of fitted modes, with the recording, or with the sound of the modes."""
         if recording is None:
             complete_to, longest = np.inf, _SECONDS
             sound = partial(_resynthesised, fitted)
@@ -459,16 +466,16 @@ class Side:
     def levels(self) -> Array:
         """Amplitudes in dB; NaN for modes that are silent next to the loudest (M,)."""
         amplitudes = self.partials.amplitudes
-        loud = amplitudes > _SILENT * amplitudes.max()
-        return 20 * np.log10(np.where(loud, amplitudes, np.nan))
+        is_loud = amplitudes > _SILENT * amplitudes.max()
+        return 20 * np.log10(np.where(is_loud, amplitudes, np.nan))
 
     # `factor`: by which frequencies of `beside` exceed those here.
     def missing_from(self, modes: Index, beside: Side, factor: float) -> Index:
         """Return the unpaired modes of the object within the other side's complete band."""
-        known = self.partials.frequencies[modes] <= beside.complete_to / factor
-        heard = beside.computed or self.audible[modes] >= 0.5
-        blow = np.broadcast_to(self.blow, self.partials.frequencies.shape)[modes]
-        return modes[known & heard & ~blow]
+        in_band = self.partials.frequencies[modes] <= beside.complete_to / factor
+        is_audible = beside.computed or self.audible[modes] >= 0.5
+        is_blow = np.broadcast_to(self.blow, self.partials.frequencies.shape)[modes]
+        return modes[in_band & is_audible & ~is_blow]
 
 
 def _amplitudes(model: ModalModel, strike: Strike, listener: Array, begins: float) -> Array:
@@ -494,10 +501,10 @@ def _struck_at(model: ModalModel, strike: Strike) -> str:
     blow = strike.resolved(model, contact)
     units = "" if model.recorded else " m"
     place = ", ".join(f"{rounded(value, 4)}" for value in np.round(contact.point, 9) + 0.0)
-    known = f"{contact.name} ({place}){units}" if place else "its one place"
+    place_text = f"{contact.name} ({place}){units}" if place else "its one place"
     force = f"{rounded(blow.impulse, 3)} {'N s' if model.calibrated else 'of the recorded blow'}"
     during = f" in {rounded(1000 * blow.duration, 3)} ms" if blow.duration else ""
-    return f"struck at {known.strip()} by {force}{during}"
+    return f"struck at {place_text.strip()} by {force}{during}"
 
 
 def _shortened(sound: Sound, seconds: float) -> Sound:
@@ -508,8 +515,8 @@ def _resynthesised(fitted: FittedModes, seconds: float) -> Sound:
     """Return the sound of fitted modes in the first channel or two."""
     poles = -np.asarray(fitted.decays) + 2j * np.pi * np.asarray(fitted.frequencies)
     gains = np.atleast_2d(np.asarray(fitted.gains, np.complex128))[:2]
-    heard = np.flatnonzero(poles.imag < np.pi * _SAMPLE_RATE)
-    sound = samples(poles[heard], gains[:, heard], round(seconds * _SAMPLE_RATE), _SAMPLE_RATE)
+    indices = np.flatnonzero(poles.imag < np.pi * _SAMPLE_RATE)
+    sound = samples(poles[indices], gains[:, indices], round(seconds * _SAMPLE_RATE), _SAMPLE_RATE)
     return Sound(samples=sound.astype(np.float32), sample_rate=_SAMPLE_RATE)
 
 
@@ -530,8 +537,12 @@ def _loudest(fitted: PoleFit) -> list[int]:
 def _cut(take: Take, onset: float, rows: Sequence[Row]) -> Sound:
     """Return the sound of one hit, up to the next."""
     begin = max(0, round((onset - _BEFORE) * take.sample_rate))
-    later = [row.onset for row in rows if row.onset > onset]
-    end = round((min(later) - _BEFORE) * take.sample_rate) if later else take.samples.shape[1]
+    later_onsets = [row.onset for row in rows if row.onset > onset]
+    end = (
+        round((min(later_onsets) - _BEFORE) * take.sample_rate)
+        if later_onsets
+        else take.samples.shape[1]
+    )
     samples = take.samples[:_EARS, begin : max(end, begin + 1)]
     return Sound(samples=samples.astype(np.float32), sample_rate=take.sample_rate)
 
@@ -539,35 +550,36 @@ def _cut(take: Take, onset: float, rows: Sequence[Row]) -> Sound:
 def _notes(take: Take, fitted: PoleFit) -> tuple[str, ...]:
     verdict = () if fitted.verdict.modal else (f"{take.name}: {fitted.verdict.reason}",)
     hits = len({row.hit for row in fitted.rows})
-    several = (f"{take.name} holds {hits} hits: levels are those of the loudest",) * (hits > 1)
-    return (*verdict, *several, *fitted.notes)
+    hit_note = (f"{take.name} holds {hits} hits: levels are those of the loudest",) * (hits > 1)
+    return (*verdict, *hit_note, *fitted.notes)
 
 
 # The page: both sides heard, their spectra, and how paired modes differ.
 
 
-def _page(found: Comparison) -> str:
+def _page(comparison: Comparison) -> str:
     """Return a page that needs no other file."""
-    sides, alone = (found.model, found.other), (found.missing, found.extra)
+    sides = (comparison.model, comparison.other)
+    unpaired_modes = (comparison.missing, comparison.extra)
     names = [side.name for side in sides]
-    sounds = [side.sound(found.other.seconds) for side in sides]
+    sounds = [side.sound(comparison.other.seconds) for side in sides]
     lowest = min(float(side.partials.frequencies[side.audible >= 0.5].min()) for side in sides)
     figures = [spectrogram(sound, max(20.0, lowest / 2)) for sound in sounds]
-    pictures = picture("Both spectra", _spectra(sides, sounds, alone))
-    if len(found.cents):
-        pictures += picture("Differences of paired modes", _differences(found))
+    pictures = picture("Both spectra", _spectra(sides, sounds, unpaired_modes))
+    if len(comparison.cents):
+        pictures += picture("Differences of paired modes", _differences(comparison))
     body = _BODY.format(
-        lines="".join(f"<li>{html.escape(line)}</li>" for line in found.summary()),
-        sounds="".join(map(_heard, names, sounds, figures, _COLOURS)),
+        lines="".join(f"<li>{html.escape(line)}</li>" for line in comparison.summary()),
+        sounds="".join(map(_sound_figure, names, sounds, figures, _COLOURS)),
         pictures=pictures,
-        table=table(HEADINGS, found.rows()),
-        alone="".join(map(_unpaired, sides, alone)),
+        table=table(HEADINGS, comparison.rows()),
+        alone="".join(map(_unpaired, sides, unpaired_modes)),
         script=(resources.files("struck.report") / "comparison.js").read_text(encoding="utf-8"),
     )
     return document(f"struck: {' and '.join(names)}", body, style=_STYLE)
 
 
-def _heard(name: str, sound: Sound, figure: Figure, colour: str) -> str:
+def _sound_figure(name: str, sound: Sound, figure: Figure, colour: str) -> str:
     return (
         f'<figure><figcaption><b style="color:{colour}">{html.escape(name)}</b></figcaption>'
         f"{sound._repr_html_()}{picture(f'Spectrogram of the {name}', figure)}</figure>"
@@ -575,12 +587,16 @@ def _heard(name: str, sound: Sound, figure: Figure, colour: str) -> str:
 
 
 def _unpaired(side: Side, modes: Index) -> str:
-    listed = ", ".join(f"{each:.1f}" for each in side.partials.frequencies[modes]) or "none"
-    return f"<p><b>In the {html.escape(side.name)} alone</b> (Hz): {listed}</p>"
+    frequencies_text = (
+        ", ".join(f"{value:.1f}" for value in side.partials.frequencies[modes]) or "none"
+    )
+    return f"<p><b>In the {html.escape(side.name)} alone</b> (Hz): {frequencies_text}</p>"
 
 
 @in_default_style
-def _spectra(sides: Sequence[Side], sounds: Sequence[Sound], alone: Sequence[Index]) -> Figure:
+def _spectra(
+    sides: Sequence[Side], sounds: Sequence[Sound], unpaired_modes: Sequence[Index]
+) -> Figure:
     """Draw both spectra in one, with ticks at the modes that only one side has."""
     figure = chart(11.0, 4.6)
     axes = figure.subplots()
@@ -594,7 +610,9 @@ def _spectra(sides: Sequence[Side], sounds: Sequence[Sound], alone: Sequence[Ind
             alpha=0.75,
             label=plain(side.name),
         )
-    for side, modes, colour, height in zip(sides, alone, _COLOURS, (5.0, 10.0), strict=True):
+    for side, modes, colour, height in zip(
+        sides, unpaired_modes, _COLOURS, (5.0, 10.0), strict=True
+    ):
         if len(modes):
             missing_from = side.partials.frequencies[modes]
             label = plain(f"in the {side.name} alone")
@@ -608,21 +626,22 @@ def _spectra(sides: Sequence[Side], sounds: Sequence[Sound], alone: Sequence[Ind
 
 
 @in_default_style
-def _differences(found: Comparison) -> Figure:
+def _differences(comparison: Comparison) -> Figure:
     """Draw how the other's modes differ from the model's, the fainter the less sure the pair."""
-    sides, sure = (found.model, found.other), np.clip(found.pairing.confidence, 0.2, 1.0)
-    frequencies = found.model.partials.frequencies[found.pairing.computed]
+    sides = (comparison.model, comparison.other)
+    confidences = np.clip(comparison.pairing.confidence, 0.2, 1.0)
+    frequencies = comparison.model.partials.frequencies[comparison.pairing.computed]
     values = {
-        "frequency (cents)": found.cents,
-        "decay rate (%)": 100 * (found.decay_ratios - 1),
-        "level (dB)": found.level_differences,
+        "frequency (cents)": comparison.cents,
+        "decay rate (%)": 100 * (comparison.decay_ratios - 1),
+        "level (dB)": comparison.level_differences,
     }
     figure = chart(11.0, 6.4)
     panels = figure.subplots(3, 1, sharex=True)
-    for axes, (label, each) in zip(panels, values.items(), strict=True):
+    for axes, (label, values_of_pairs) in zip(panels, values.items(), strict=True):
         axes.axhline(0, color=INK, linewidth=0.7)
-        axes.vlines(frequencies, 0, each, color=ORANGE, alpha=0.35, linewidth=1)
-        axes.scatter(frequencies, each, s=16, color=ORANGE, alpha=sure)
+        axes.vlines(frequencies, 0, values_of_pairs, color=ORANGE, alpha=0.35, linewidth=1)
+        axes.scatter(frequencies, values_of_pairs, s=16, color=ORANGE, alpha=confidences)
         axes.set_ylabel(label)
         _frequency_axis(axes, sides)
     figure.supxlabel("frequency (Hz)", fontsize=10)
@@ -631,8 +650,8 @@ def _differences(found: Comparison) -> Figure:
 
 
 def _frequency_axis(axes: Axes, sides: Sequence[Side]) -> None:
-    every = np.concatenate([side.partials.frequencies for side in sides])
-    frequency_axis(axes, 0.7 * float(every.min()), 1.2 * float(every.max()))
+    all_frequencies = np.concatenate([side.partials.frequencies for side in sides])
+    frequency_axis(axes, 0.7 * float(all_frequencies.min()), 1.2 * float(all_frequencies.max()))
 
 
 _STYLE = """\

@@ -23,23 +23,24 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_ACROSS = 4
-_LOWEST = 50.0  # Hz, of the spectrogram
+_MAX_COLUMNS = 4
+_MIN_FREQUENCY = 50.0  # Hz, of the spectrogram
 _MOST_FACES = 4_000  # of a body as it is drawn
-_ELEVATION, _AROUND = np.deg2rad(22), np.deg2rad(-58)
+_ELEVATION, _AZIMUTH = np.deg2rad(22), np.deg2rad(-58)
 _LIGHT = np.array([-0.42, 0.58, 0.70]) / np.linalg.norm([-0.42, 0.58, 0.70])
 _AMBIENT = 0.4  # of the brightness that a face has which looks away from the light
 _MARGIN = 0.06  # of a frame's larger edge
 _WIDE = 420  # pixels of a frame
-_FLATTEST, _TALLEST = 0.45, 1.3  # height of a frame over its width
-_CLOSER = 0.6  # frames of their own are drawn where most need less than this of the common one
+_MIN_ASPECT, _MAX_ASPECT = 0.45, 1.3  # height of a frame over its width
+# Separate frames are drawn if most bodies need less than this fraction of the common one.
+_OWN_FRAME_FRACTION = 0.6
 _TILES = 12.0  # across a frame, about
 _TILE_COLOURS = np.array([[0.95, 0.95, 0.94], [0.905, 0.905, 0.895]])
 _SHADOW = np.array([0.70, 0.70, 0.70])
-_LIFT = 1e-4  # of a frame, that shadows lie above their plane
+_SHADOW_HEIGHT = 1e-4  # of a frame, that shadows lie above their plane
 _LEVEL = 0.5  # cosine between a plane's normal and upward: steeper planes get no shadows
-_MOST_NAMED = 8  # bodies whose colours are explained
-# Of bodies that move: Paul Tol's "bright" and "muted" schemes, which the colour-blind can read.
+_MAX_LEGEND_ENTRIES = 8  # bodies whose colours are explained
+# Colours of moving bodies: Paul Tol's "bright" and "muted" schemes, for colour-blind readers too.
 _PALETTE = (
     *("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377"),
     *("#ddcc77", "#332288", "#88ccee", "#cc6677", "#44aa99", "#999933"),
@@ -67,36 +68,36 @@ def contact_sheet(events: Events, sound: Sound, *, seconds: float) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    shown = _shown(events.scene.bodies)
-    if not shown:
+    things = _shown(events.scene.bodies)
+    if not things:
         raise OptionError("no body of the scene has a surface: there is nothing to draw")
     planes = [body for body in events.scene.bodies.values() if _is_plane(body)]
     view = _view()
     moments = moments_of(events, seconds)
-    boxes = np.array([_box(shown, moment.time, view) for moment in moments])
+    boxes = np.array([_box(things, moment.time, view) for moment in moments])
     windows = _windows(boxes)
     shape = float(np.ptp(windows[0], axis=0)[1] / np.ptp(windows[0], axis=0)[0])
     tile = _round(float(np.median(np.ptp(windows, axis=1)[:, 0])) / _TILES)
-    across = min(_ACROSS, len(moments))
-    rows = -(-len(moments) // across)
-    high = rows * (13 / _ACROSS * shape + 0.4) + 0.6
+    column_count = min(_MAX_COLUMNS, len(moments))
+    rows = -(-len(moments) // column_count)
+    high = rows * (13 / _MAX_COLUMNS * shape + 0.4) + 0.6
     figure = Figure(figsize=(13, high + 3.4), layout="constrained")
     upper, lower = figure.subfigures(2, 1, squeeze=False, height_ratios=(high, 3.4)).flat
     figure.get_layout_engine().set(h_pad=0.08)  # type: ignore[union-attr, call-arg]
-    panels = list(upper.subplots(rows, across, squeeze=False).flat)
+    panels = list(upper.subplots(rows, column_count, squeeze=False).flat)
     for axes, moment, window in zip(panels, moments, windows, strict=False):
         pixel = float(np.ptp(window, axis=0)[0]) / _WIDE
         image = DepthImage(low=window[0], pixel=pixel, width=_WIDE, height=round(_WIDE * shape))
         for plane in planes:
-            _add_plane(image, plane, shown, moment.time, view, tile)
-        for number, thing in enumerate(shown):
+            _add_plane(image, plane, things, moment.time, view, tile)
+        for number, thing in enumerate(things):
             thing.add(image, number, moment.time, view)
         _show(axes, image, window, f"{moment.time:.2f} s", moment.caption)
     for axes in panels[len(moments) :]:
         axes.set_axis_off()
-    _explain(upper, shown, planes, tile)
+    _explain(upper, things, planes, tile)
     axes = lower.subplots()
-    clock, frequencies, powers, strongest = powers_in_time(sound, _LOWEST)
+    clock, frequencies, powers, strongest = powers_in_time(sound, _MIN_FREQUENCY)
     levels = 10 * np.log10(np.maximum(powers / max(strongest, 1e-200), 1e-20))
     draw_spectrogram(axes, clock, frequencies, levels)
     for moment in moments[1:]:
@@ -116,16 +117,16 @@ class _Thing:
 
     def placed(self, time: float) -> Array:
         """Return its triangles in the scene at a time, m (F, 3, 3)."""
-        place, turn = course_of(self.body, np.array([time]))
-        return self.corners @ turn[0].T + place[0]
+        place, rotation = course_of(self.body, np.array([time]))
+        return self.corners @ rotation[0].T + place[0]
 
     def add(self, image: DepthImage, number: int, time: float, view: Array) -> None:
         """Draw it into an image."""
-        seen = self.placed(time) @ view.T
-        normals = np.cross(seen[:, 1] - seen[:, 0], seen[:, 2] - seen[:, 0])
+        corners = self.placed(time) @ view.T
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
         light = _AMBIENT + (1 - _AMBIENT) * (0.5 + 0.5 * normals @ _LIGHT)
-        image.add_triangles(seen, light[:, None] * self.colour, number)
+        image.add_triangles(corners, light[:, None] * self.colour, number)
 
 
 def _shown(bodies: Mapping[str, Body]) -> list[_Thing]:
@@ -154,10 +155,10 @@ def _corners(body: Body) -> Array | None:
     if len(faces) > _MOST_FACES:
         import igl
 
-        made = igl.decimate(np.asfortranarray(points), np.asfortranarray(faces), _MOST_FACES)
-        fewer = np.asarray(made[1], np.int64)
-        if len(fewer):  # else it is no manifold, and drawn whole
-            points, faces = np.asarray(made[0], np.float64), fewer
+        decimation = igl.decimate(np.asfortranarray(points), np.asfortranarray(faces), _MOST_FACES)
+        faces_left = np.asarray(decimation[1], np.int64)
+        if len(faces_left):  # else it is no manifold, and drawn whole
+            points, faces = np.asarray(decimation[0], np.float64), faces_left
     return points[faces]
 
 
@@ -167,19 +168,19 @@ def _is_plane(body: Body) -> bool:
 
 def _view() -> Array:
     """Return unit vectors to the right, upward and toward the eye (3, 3)."""
-    level = np.array([np.cos(_AROUND), np.sin(_AROUND), 0.0])
+    level = np.array([np.cos(_AZIMUTH), np.sin(_AZIMUTH), 0.0])
     toward = np.cos(_ELEVATION) * level + np.array([0.0, 0.0, np.sin(_ELEVATION)])
     right = np.cross([0.0, 0.0, 1.0], toward)
     right /= np.linalg.norm(right)
     return np.stack([right, np.cross(toward, right), toward])
 
 
-def _box(shown: Sequence[_Thing], time: float, view: Array) -> Array:
+def _box(things: Sequence[_Thing], time: float, view: Array) -> Array:
     """Return the corners (2, 2) of the rectangle that holds all bodies at a time."""
-    flat = [thing.placed(time).reshape(-1, 3) @ view[:2].T for thing in shown]
+    flat = [thing.placed(time).reshape(-1, 3) @ view[:2].T for thing in things]
     low, high = (
-        np.min([each.min(axis=0) for each in flat], axis=0),
-        np.max([each.max(axis=0) for each in flat], axis=0),
+        np.min([points.min(axis=0) for points in flat], axis=0),
+        np.max([points.max(axis=0) for points in flat], axis=0),
     )
     return np.stack([low, high])
 
@@ -189,13 +190,13 @@ def _windows(boxes: Array) -> Array:
 
     It is the same for all, unless a body that goes far away makes most of them small by that.
     """
-    whole = np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+    common_box = np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
     sizes = np.ptp(boxes, axis=1)
-    if np.median(sizes.max(axis=1)) > _CLOSER * np.ptp(whole, axis=0).max():
-        boxes = np.repeat(whole[None], len(boxes), axis=0)
+    if np.median(sizes.max(axis=1)) > _OWN_FRAME_FRACTION * np.ptp(common_box, axis=0).max():
+        boxes = np.repeat(common_box[None], len(boxes), axis=0)
     sizes = np.ptp(boxes, axis=1)
     sizes = sizes + 2 * _MARGIN * sizes.max(axis=1, keepdims=True)
-    shape = float(np.clip(np.median(sizes[:, 1] / sizes[:, 0]), _FLATTEST, _TALLEST))
+    shape = float(np.clip(np.median(sizes[:, 1] / sizes[:, 0]), _MIN_ASPECT, _MAX_ASPECT))
     width = np.maximum(sizes[:, 0], sizes[:, 1] / shape)
     half = np.stack([width, width * shape], axis=1) / 2
     middles = boxes.mean(axis=1)
@@ -209,21 +210,21 @@ def _round(length: float) -> float:
 
 
 def _add_plane(
-    image: DepthImage, plane: Body, shown: Sequence[_Thing], time: float, view: Array, tile: float
+    image: DepthImage, plane: Body, things: Sequence[_Thing], time: float, view: Array, tile: float
 ) -> None:
     """Draw a plane, and the shadows of bodies above it."""
-    place, turn = course_of(plane, np.array([time]))
-    origin, axes = place[0], turn[0].T  # rows: the plane's own directions in the scene
+    place, rotation = course_of(plane, np.array([time]))
+    origin, axes = place[0], rotation[0].T  # rows: the plane's own directions in the scene
     image.add_plane(view @ origin, axes @ view.T, tile, *_TILE_COLOURS)
     normal = axes[2]
     if normal[2] < _LEVEL:
         return
-    lift = _LIFT * image.width * image.pixel
-    for thing in shown:
+    lift = _SHADOW_HEIGHT * image.width * image.pixel
+    for thing in things:
         corners = thing.placed(time)
         heights = (corners - origin) @ normal
-        above = (heights > 0).all(axis=1)
-        flat = corners[above] - (heights[above] - lift)[:, :, None] * normal
+        is_above = (heights > 0).all(axis=1)
+        flat = corners[is_above] - (heights[is_above] - lift)[:, :, None] * normal
         colours = np.broadcast_to(_SHADOW, (len(flat), 3))
         image.add_triangles(flat @ view.T, colours, GROUND)
 
@@ -237,13 +238,13 @@ def _show(axes: Axes, image: DepthImage, window: Array, title: str, caption: str
     axes.set_title(text, fontsize=9, pad=4)
 
 
-def _explain(figure: object, shown: Sequence[_Thing], planes: Sequence[Body], tile: float) -> None:
+def _explain(figure: object, things: Sequence[_Thing], planes: Sequence[Body], tile: float) -> None:
     """Say which colour is which body, and how large the tiles of a floor are."""
     from matplotlib.patches import Patch
 
-    moving = [thing for thing in shown if thing.body.moves]
+    moving = [thing for thing in things if thing.body.moves]
     keys = [Patch(color=thing.colour.tolist(), label=plain(thing.name)) for thing in moving]
-    keys = keys if len(keys) <= _MOST_NAMED else []
+    keys = keys if len(keys) <= _MAX_LEGEND_ENTRIES else []
     if planes:
         size = f"{tile:g} m" if tile >= 1 else f"{100 * tile:g} cm"
         label = f"floor: tiles of {size}"

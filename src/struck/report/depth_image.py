@@ -17,7 +17,7 @@ from struck.model.arrays import Array, Index
 
 Numbers = NDArray[np.floating]
 _FINER = 2  # pixels drawn along each edge of a pixel of the image, so that edges are smooth
-_AT_ONCE = 2_000_000  # pixels of triangles that are looked at together
+_AT_ONCE = 2_000_000  # pixels of triangles that are drawn together
 _OUTLINE = 0.45  # of the brightness that remains at the outline of a body
 _SLACK = -1e-9  # of barycentric weights: pixels on an edge belong to both triangles
 _BIAS = (
@@ -85,12 +85,12 @@ class DepthImage:
         high = np.floor(places[:, :, :2].max(axis=1)).astype(np.int64)
         high = np.minimum(high, [self._columns - 1, self._rows - 1])
         sizes = (high - low).max(axis=1) + 1
-        shown = np.flatnonzero((high >= low).all(axis=1))
+        visible = np.flatnonzero((high >= low).all(axis=1))
         classes = np.ceil(np.log2(np.maximum(sizes, 1))).astype(np.int64)
-        for power in np.unique(classes[shown]).tolist():
-            some = shown[classes[shown] == power]
-            many = max(1, _AT_ONCE >> (2 * power))
-            for part in np.split(some, range(many, len(some), many)):
+        for power in np.unique(classes[visible]).tolist():
+            indices = visible[classes[visible] == power]
+            batch_size = max(1, _AT_ONCE >> (2 * power))
+            for part in np.split(indices, range(batch_size, len(indices), batch_size)):
                 self._fill(places[part], colours[front[part]], low[part], 1 << power, owner)
 
     def _fill(self, places: Array, colours: Array, low: Index, size: int, owner: int) -> None:
@@ -102,9 +102,9 @@ class DepthImage:
         area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
         b = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / area
         c = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / area
-        inside = (b >= _SLACK) & (c >= _SLACK) & (b + c <= 1 - _SLACK)
-        inside &= (x < self._columns) & (y < self._rows)
-        triangle, row, column = np.nonzero(inside)
+        is_inside = (b >= _SLACK) & (c >= _SLACK) & (b + c <= 1 - _SLACK)
+        is_inside &= (x < self._columns) & (y < self._rows)
+        triangle, row, column = np.nonzero(is_inside)
         depth = (az + b * (bz - az) + c * (cz - az))[triangle, row, column]
         depth += _BIAS * self.pixel / _FINER * (max(owner, 0) % 16)
         pixels = (low[triangle, 1] + row) * self._columns + low[triangle, 0] + column
@@ -135,16 +135,16 @@ class DepthImage:
         away = np.stack([x - origin[0], y - origin[1]], axis=-1).reshape(-1, 2)
         height = -(away @ normal[:2]) / normal[2]
         u, v = (away @ axis[:2] + height * axis[2] for axis in axes[:2])
-        even = (np.floor(u / tile) + np.floor(v / tile)) % 2 == 0
-        colours = np.where(even[:, None], light, dark)
+        is_even = (np.floor(u / tile) + np.floor(v / tile)) % 2 == 0
+        colours = np.where(is_even[:, None], light, dark)
         self._take(np.arange(len(height)), height + origin[2], colours, GROUND)
 
     def _take(self, pixels: Index, depth: Array, colours: Array, owner: int) -> None:
         """Colour pixels, some of them several times, where a surface is the nearest."""
         np.maximum.at(self._depth, pixels, depth)
-        nearest = self._depth[pixels] == depth
-        self._colour[pixels[nearest]] = colours[nearest]
-        self._owner[pixels[nearest]] = owner
+        is_nearest = self._depth[pixels] == depth
+        self._colour[pixels[is_nearest]] = colours[is_nearest]
+        self._owner[pixels[is_nearest]] = owner
 
     def image(self) -> Numbers:
         """Return the image (height, width, 3), its first row below."""

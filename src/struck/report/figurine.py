@@ -51,10 +51,10 @@ def _cone(points: Array, first: tuple, second: tuple) -> Array:
     """Return the depth in balls swept along a segment, their radius changing linearly."""
     (start, r0), (end, r1) = first, second
     axis = np.subtract(end, start)
-    share = np.clip((points - start) @ axis / (axis @ axis), 0.0, 1.0)
-    length = np.linalg.norm(points - start - share[:, None] * axis, axis=1)
+    fraction = np.clip((points - start) @ axis / (axis @ axis), 0.0, 1.0)
+    length = np.linalg.norm(points - start - fraction[:, None] * axis, axis=1)
     slope = abs(r1 - r0) / np.linalg.norm(axis)
-    return (length - r0 - share * (r1 - r0)) / np.hypot(1.0, slope)
+    return (length - r0 - fraction * (r1 - r0)) / np.hypot(1.0, slope)
 
 
 def _smooth_minimum(a: Array, b: Array) -> Array:

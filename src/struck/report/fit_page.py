@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 MODES = ("mode", "Hz", "note", "\u00b1 Hz", "T60 (s)", "\u00b1 %", "Q", "level (dB)")
 KIND = ("kind",)  # One more: whether a mode is of the blow, or vague
 PLACES = ("rank error (%)", "measured")  # Further ones, of gains over contacts and listeners
-ROOM = ("of the room",)  # One more, where the room's reverberation was told
+ROOM = ("of the room",)  # One more, where the room's reverberation is given
 # Headings of the table of takes
 TAKES = ("take", "hits", "channels", "peak (dB FS)", "lead-in (dB FS)", "signal to residual (dB)")
 _LITTLE = 20.0
@@ -72,7 +72,7 @@ def save_report(fitting: Fitting, path: str | os.PathLike[str]) -> None:
 def report(fitting: Fitting) -> str:
     """Return the HTML page of a `fitting`, which needs no other file.
 
-    It says how well modes explain the recordings, plays hits as recorded and as fitted, and shows
+    It shows how well modes explain the recordings, plays hits as recorded and as fitted, and shows
     their spectra, every mode with its errors, gains over contact and listener, and every take.
     """
     fitted, recorded = fitting.fitted, fitting.recorded
@@ -118,33 +118,33 @@ def _with_rest(fitting: Fitting, hit: RenderedHit) -> RenderedHit:
 
 def _summary(fitting: Fitting) -> str:
     fitted, model = fitting.fitted, fitting.model
-    own = ~(fitted.blow | fitted.vague)
-    verdict, *meaning = verdict_lines(fitted.verdict, len(own))
-    share = one_strike(fitted)
+    is_object_mode = ~(fitted.blow | fitted.vague)
+    verdict, *meaning = verdict_lines(fitted.verdict, len(is_object_mode))
+    fraction = one_strike(fitted)
     meaning.append(
-        f"One strike of the model explains {rounded(100 * share, 3)} % of its take's energy."
+        f"One strike of the model explains {rounded(100 * fraction, 3)} % of its take's energy."
     )
-    known = own if own.any() else ~own
-    lines = [*meaning, modes_line(model.frequencies[known], model.decays[known])]
+    is_shown = is_object_mode if is_object_mode.any() else ~is_object_mode
+    lines = [*meaning, modes_line(model.frequencies[is_shown], model.decays[is_shown])]
     lines.append(_made_of(fitting))
-    unsure = int(np.count_nonzero(fitted.vague & ~fitted.blow)), int(np.count_nonzero(fitted.blow))
-    for count, what in zip(unsure, (_VAGUE, "for the blow"), strict=True):
+    counts = int(np.count_nonzero(fitted.vague & ~fitted.blow)), int(np.count_nonzero(fitted.blow))
+    for count, kind_text in zip(counts, (_VAGUE, "for the blow"), strict=True):
         if count:
-            stand = "stands" if count == 1 else "stand"
-            lines.insert(-1, f"{counted(count, 'further mode')} {stand} {what}.")
+            verb = "stands" if count == 1 else "stand"
+            lines.insert(-1, f"{counted(count, 'further mode')} {verb} {kind_text}.")
     kind = "modal" if fitted.verdict.modal else "caution"
-    told = "".join(f"<li>{html.escape(line)}</li>" for line in lines)
+    items = "".join(f"<li>{html.escape(line)}</li>" for line in lines)
     notes = list(dict.fromkeys((*fitted.notes, *model.provenance.dropped)))
-    return f'<p class="{kind}">{html.escape(verdict)}</p><ul>{told}</ul>{_noted(notes)}'
+    return f'<p class="{kind}">{html.escape(verdict)}</p><ul>{items}</ul>{_noted(notes)}'
 
 
 def _made_of(fitting: Fitting) -> str:
     fitted, takes, survey = fitting.fitted, fitting.recorded.takes, fitting.survey
     channels = sorted({take.channels for take in takes})
-    each = counted(channels[-1], "channel")
-    each = each if len(channels) == 1 else f"{channels[0]} to {each}"
+    channel_text = counted(channels[-1], "channel")
+    channel_text = channel_text if len(channels) == 1 else f"{channels[0]} to {channel_text}"
     hits = counted(len(hits_of(fitted)), "hit")
-    line = f"{counted(len(takes), 'take')} of {each} at {takes[0].sample_rate} Hz, {hits}"
+    line = f"{counted(len(takes), 'take')} of {channel_text} at {takes[0].sample_rate} Hz, {hits}"
     if survey is not None:
         places = (
             counted(len(survey.contacts), "contact"),
@@ -160,40 +160,43 @@ def _noted(notes: Sequence[str]) -> str:
 
     if not notes:
         return ""
-    shown, more = notes[:_NOTES], notes[_NOTES:]
-    rest = f"<details><summary>{counted(len(more), 'more note')}</summary>{listed(more)}</details>"
-    return f'<div class="notes"><b>Notes</b>{listed(shown)}{rest if more else ""}</div>'
+    first_notes, further_notes = notes[:_NOTES], notes[_NOTES:]
+    summary = counted(len(further_notes), "more note")
+    rest = f"<details><summary>{summary}</summary>{listed(further_notes)}</details>"
+    return (
+        f'<div class="notes"><b>Notes</b>{listed(first_notes)}{rest if further_notes else ""}</div>'
+    )
 
 
 def _players(fitting: Fitting, hits: Sequence[RenderedHit], names: Sequence[str]) -> str:
     first, *others = hits
     one = player(f"{_named(first, names)}, the loudest hit", first, _FIRST)
-    share = _OTHERS / max(len(others), 1)
-    more = [player(_named(hit, names), hit.in_one_channel(), share) for hit in others]
-    hidden = len(hits_of(fitting.fitted)) - len(hits)
-    return f"<p>{_how(fitting, first)}</p>{one}{_folded(more, hidden)}"
+    size = _OTHERS / max(len(others), 1)
+    players = [player(_named(hit, names), hit.in_one_channel(), size) for hit in others]
+    hidden_count = len(hits_of(fitting.fitted)) - len(hits)
+    return f"<p>{_how(fitting, first)}</p>{one}{_folded(players, hidden_count)}"
 
 
 def _how(fitting: Fitting, first: RenderedHit) -> str:
     beside = "" if first.beside is None else _BESIDE
     lost = _LOST if beside and fitting.model.residual is None else ""
-    return " ".join(filter(None, (_HOW, beside, lost, _SWITCH)))
+    return " ".join(filter(None, (_EXPLANATION, beside, lost, _SWITCH)))
 
 
-def player(told: str, hit: RenderedHit, size: float) -> str:
+def player(title: str, hit: RenderedHit, size: float) -> str:
     """Return a player of one hit on one scale, shortened where it takes more than `size` bytes."""
     count = sum(1 for _ in hit.sounds()) * len(hit.original)
-    heard = hit.shortened(size / (_BYTES * count * hit.sample_rate))
-    if hit.duration - heard.duration > _SHORTER:
-        told = f"{told}; its first {heard.duration:.1f} s of {hit.duration:.1f}"
-    peak = max(float(np.abs(samples).max()) for _, samples in heard.sounds())
+    excerpt = hit.shortened(size / (_BYTES * count * hit.sample_rate))
+    if hit.duration - excerpt.duration > _SHORTER:
+        title = f"{title}; its first {excerpt.duration:.1f} s of {hit.duration:.1f}"
+    peak = max(float(np.abs(samples).max()) for _, samples in excerpt.sounds())
     factor = PEAK / peak if peak else 1.0
     sounds = "".join(
         f'<figure><figcaption><button type="button">{caption}</button>'
-        f"</figcaption>{_audio(factor * samples, heard.sample_rate)}</figure>"
-        for caption, samples in heard.sounds()
+        f"</figcaption>{_audio(factor * samples, excerpt.sample_rate)}</figure>"
+        for caption, samples in excerpt.sounds()
     )
-    return f'<div class="hit"><p>{html.escape(told)}</p><div class="sounds">{sounds}</div></div>'
+    return f'<div class="hit"><p>{html.escape(title)}</p><div class="sounds">{sounds}</div></div>'
 
 
 def _audio(samples: Array, sample_rate: int) -> str:
@@ -202,12 +205,12 @@ def _audio(samples: Array, sample_rate: int) -> str:
     return f'<audio controls src="data:audio/wav;base64,{data}"></audio>'
 
 
-def _folded(players: Sequence[str], hidden: int) -> str:
+def _folded(players: Sequence[str], hidden_count: int) -> str:
     if not players:
         return ""
-    told = counted(len(players), "other hit")
-    told += f"; {counted(hidden, 'more hit')} not played here" if hidden else ""
-    return f"<details><summary>{told}</summary>{''.join(players)}</details>"
+    heading = counted(len(players), "other hit")
+    heading += f"; {counted(hidden_count, 'more hit')} not played here" if hidden_count else ""
+    return f"<details><summary>{heading}</summary>{''.join(players)}</details>"
 
 
 def _named(hit: RenderedHit, names: Sequence[str]) -> str:
@@ -223,30 +226,31 @@ def _spectrograms(first: RenderedHit, fitted: PoleFit) -> str:
 def _modes(fitting: Fitting, first: RenderedHit) -> str:
     fitted = fitting.fitted
     lowest = fit_pictures.lowest_shown(fitted.frequencies)
-    sure = ~(fitted.blow | fitted.vague)
-    drawn = fit_pictures.spectra(first, fitted.frequencies, sure, lowest)
-    seen = _drawing("Spectra of original and residual, with the modes", drawn)
-    known = _known(fitting.model)
-    errors = np.where(known, fitted.decay_errors, np.nan)
+    is_sure = ~(fitted.blow | fitted.vague)
+    figure = fit_pictures.spectra(first, fitted.frequencies, is_sure, lowest)
+    pictures = _drawing("Spectra of original and residual, with the modes", figure)
+    is_known = _known(fitting.model)
+    errors = np.where(is_known, fitted.decay_errors, np.nan)
     rings = fit_pictures.ringing_times(
         fitted.frequencies, fitted.decays, errors, first.sample_rate / 2
     )
-    seen += _drawing("How long each mode rings, over its frequency", rings)
-    headings, rows = MODES, mode_table(fitted, known)
+    pictures += _drawing("How long each mode rings, over its frequency", rings)
+    headings, rows = MODES, mode_table(fitted, is_known)
     if (fitted.blow | fitted.vague).any():
         headings += KIND
         kinds = np.where(fitted.blow, "of the blow", np.where(fitted.vague, "vague", ""))
         rows = [[*row, str(kind)] for row, kind in zip(rows, kinds, strict=True)]
     if fitting.survey is not None:
         headings += PLACES
-        more = place_columns(*_ranks(fitting.model))
-        rows = [[*row, *columns] for row, columns in zip(rows, more, strict=True)]
+        columns_of_places = place_columns(*_ranks(fitting.model))
+        rows = [[*row, *columns] for row, columns in zip(rows, columns_of_places, strict=True)]
     if fitting.room is not None:
         headings += ROOM
         rows = [
-            [*row, "perhaps" if own else ""] for row, own in zip(rows, fitting.room, strict=True)
+            [*row, "perhaps" if in_room else ""]
+            for row, in_room in zip(rows, fitting.room, strict=True)
         ]
-    return f"{seen}<p>{_ERRORS}</p>{_sortable('modes', headings, rows)}"
+    return f"{pictures}<p>{_ERRORS}</p>{_sortable('modes', headings, rows)}"
 
 
 def _known(model: ModalModel) -> Mask:
@@ -267,20 +271,21 @@ def _places(fitting: Fitting) -> Iterator[str]:
     survey = fitting.survey
     if survey is None or len(survey.contacts) * len(survey.listeners) < 2:
         return
-    own = fitting.model.of_object
+    is_object_mode = fitting.model.of_object
     errors, lost = _ranks(fitting.model)
-    errors, lost, tones = errors[own], lost[own], survey.frequencies[own]
+    errors, lost = errors[is_object_mode], lost[is_object_mode]
+    tones = survey.frequencies[is_object_mode]
     if np.isfinite(errors).any():
-        drawn = fit_pictures.rank_errors(tones, errors, lost)
-        yield f"<p>{_RANK}</p>{_drawing('Rank error of each mode', drawn)}"
+        figure = fit_pictures.rank_errors(tones, errors, lost)
+        yield f"<p>{_RANK}</p>{_drawing('Rank error of each mode', figure)}"
     names = f"contact: {', '.join(fitting.model.coordinates)}", "listener: x, y, z (m)"
     sides = survey.contacts, survey.listeners
-    for side, (what, places) in enumerate(zip(names, sides, strict=True)):
+    for side, (axis_name, places) in enumerate(zip(names, sides, strict=True)):
         if len(places) > 1:
-            levels = fit_pictures.levels_at(survey, side)[:, own]
-            named = fit_pictures.named(places)
-            drawn = fit_pictures.gain_map(levels, tones, named, lost, what)
-            yield _drawing(f"How loud each mode is at each {what}", drawn)
+            levels = fit_pictures.levels_at(survey, side)[:, is_object_mode]
+            labels = fit_pictures.named(places)
+            figure = fit_pictures.gain_map(levels, tones, labels, lost, axis_name)
+            yield _drawing(f"How loud each mode is at each {axis_name}", figure)
 
 
 def _drawing(text: str, figure: Figure) -> str:
@@ -291,7 +296,7 @@ def _sortable(name: str, headings: Sequence[str], rows: Sequence[Sequence[str]])
     return f'<div class="{name} sortable">{table(headings, rows)}</div>'
 
 
-# Words and tables: what was found, how sure it is, and in which takes.
+# Words and tables: results, their errors, and their takes.
 
 
 def verdict_lines(verdict: ModalVerdict, count: int) -> list[str]:
@@ -305,10 +310,10 @@ def _ratio(verdict: ModalVerdict) -> str:
     ratio = verdict.signal_to_residual
     if not np.isfinite(ratio):
         return "The modes leave nothing."
-    share = 100 * 10 ** (-ratio / 10)
+    percentage = 100 * 10 ** (-ratio / 10)
     return (
-        f"Signal to residual {ratio:.1f} dB: what the modes leave holds {figure(share)} % of the "
-        f"energy; {_meaning(verdict)}."
+        f"Signal to residual {ratio:.1f} dB: what the modes leave holds {figure(percentage)} % of "
+        f"the energy; {_meaning(verdict)}."
     )
 
 
@@ -388,8 +393,8 @@ def take_table(fitted: PoleFit, recorded: RecordingSet, energies: Energies) -> l
 def short_names(recorded: RecordingSet) -> list[str]:
     """Return the names of takes without folders, where all names remain different."""
     names = [take.name for take in recorded.takes]
-    short = [PurePath(name).name or name for name in names]
-    return short if len(set(short)) == len(set(names)) else names
+    base_names = [PurePath(name).name or name for name in names]
+    return base_names if len(set(base_names)) == len(set(names)) else names
 
 
 def figure(value: float, digits: int = 2) -> str:
@@ -402,9 +407,9 @@ def figure(value: float, digits: int = 2) -> str:
 def _levels(fitted: PoleFit) -> Array:
     """Return levels of modes where they are loudest, dB re the object's loudest (M,)."""
     sizes = np.abs(fitted.gains).max(axis=0, initial=0.0)
-    own = sizes[~fitted.blow] if not fitted.blow.all() else sizes
+    object_sizes = sizes[~fitted.blow] if not fitted.blow.all() else sizes
     with np.errstate(divide="ignore"):
-        return np.asarray(20 * np.log10(sizes / own.max(initial=1e-300)), np.float64)
+        return np.asarray(20 * np.log10(sizes / object_sizes.max(initial=1e-300)), np.float64)
 
 
 def _take_row(
@@ -425,17 +430,17 @@ def _take_row(
 
 def _lead_in(fitted: PoleFit, rows: Sequence[int]) -> str:
     """Return the level of the sound before the first hit, dB of full scale."""
-    before = [_before(fitted, row) for row in rows]
-    heard = [samples for samples in before if samples.size]
-    if not heard:
+    recordings = [_before(fitted, row) for row in rows]
+    lead_ins = [samples for samples in recordings if samples.size]
+    if not lead_ins:
         return "-"
-    level = _decibels(float(np.sqrt(np.mean([np.mean(samples**2) for samples in heard]))))
+    level = _decibels(float(np.sqrt(np.mean([np.mean(samples**2) for samples in lead_ins]))))
     return f"{level:.1f}" if np.isfinite(level) else "silent"
 
 
 def _before(fitted: PoleFit, row: int) -> Array:
     place = int(fitted.order[row])
-    segment = next(each for each in fitted.segments if place < each.rows.stop)
+    segment = next(segment for segment in fitted.segments if place < segment.rows.stop)
     return segment.before[place - segment.rows.start]
 
 
@@ -443,7 +448,7 @@ def _decibels(size: float) -> float:
     return float(20 * np.log10(size)) if size > 0 else -np.inf
 
 
-_HOW = (
+_EXPLANATION = (
     "The original is as recorded, the model its modes alone, the residual the original less the "
     "model, all on one scale."
 )

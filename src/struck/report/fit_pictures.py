@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST = 6  # Hits that are played
-LEAD = 0.1  # Of a recording before its hit, s
+LEAD = 0.1  # recording shown before its hit, s
 WIDE = 11.0  # of figures, inches
 _EARS = 2
 _BACKWARDS = 0.003
@@ -55,7 +55,7 @@ class RenderedHit:
     onset: float  # when the hit began in its take, s
     lead: float  # from the beginning of the samples to the hit, s
     original: Array  # (channels, n): as recorded
-    modes: Array  # (channels, n): what was fitted, faded at the ends as the original
+    modes: Array  # (channels, n): fitted sound, faded at the ends as the original
     beside: Array | None  # (channels, n): attack and noise as the model has them
     sample_rate: int  # Hz
 
@@ -107,9 +107,9 @@ class Energies:
     @classmethod
     def of(cls, fitted: PoleFit) -> Energies:
         """Return the energies of every channel of every hit."""
-        heard = (fitted.samples_and_model(row) for row in range(len(fitted.rows)))
-        both = [((one**2).sum(), ((one - modes) ** 2).sum()) for one, modes in heard]
-        signal, left = np.array(both).reshape(-1, 2).T
+        rows = (fitted.samples_and_model(row) for row in range(len(fitted.rows)))
+        energies = [((one**2).sum(), ((one - modes) ** 2).sum()) for one, modes in rows]
+        signal, left = np.array(energies).reshape(-1, 2).T
         return cls(signal=signal, left=left)
 
     def ratio(self, rows: Sequence[int]) -> float:
@@ -121,30 +121,30 @@ class Energies:
 
 def hits_of(fitted: PoleFit) -> list[list[int]]:
     """Return the rows of a fit hit by hit."""
-    found: dict[tuple[int, int], list[int]] = {}
-    for row, what in enumerate(fitted.rows):
-        found.setdefault((what.take, what.hit), []).append(row)
-    return list(found.values())
+    rows_by_hit: dict[tuple[int, int], list[int]] = {}
+    for row, part in enumerate(fitted.rows):
+        rows_by_hit.setdefault((part.take, part.hit), []).append(row)
+    return list(rows_by_hit.values())
 
 
 def chosen_hits(fitted: PoleFit, energies: Energies, most: int = MOST) -> list[list[int]]:
     """Return the rows of hits worth hearing: the loudest, then others spread over the takes."""
-    every = sorted(hits_of(fitted), key=lambda rows: -energies.signal[rows].max())
-    loudest, others = every[0], every[1:]
+    hits = sorted(hits_of(fitted), key=lambda rows: -energies.signal[rows].max())
+    loudest, others = hits[0], hits[1:]
     takes: dict[int, list[int]] = {}
     for rows in others:
         takes.setdefault(fitted.rows[rows[0]].take, rows)
-    several = len({row.take for row in fitted.rows}) > 1
-    if several:
+    has_several = len({row.take for row in fitted.rows}) > 1
+    if has_several:
         takes.pop(fitted.rows[loudest[0]].take, None)
-    spread = sorted(takes.values() if several else others)
+    spread = sorted(takes.values() if has_several else others)
     places = np.linspace(0, len(spread) - 1, min(most - 1, len(spread))).round().astype(int)
     return [loudest, *(spread[place] for place in places)]
 
 
 def setting_in(fitted: PoleFit, recorded: RecordingSet, lead: float) -> Array:
     """Return when the modes of each row set in (rows,), s in its take."""
-    # As long after the sound arrived as the model has it, but hardly before what was fitted: run
+    # As long after the sound arrived as the model has it, but little before the fitted part: run
     # backwards, fast modes grow beyond all bounds.
     times = np.array([row.time for row in fitted.rows])
     return np.maximum(arrivals(fitted, recorded) + lead, times - _BACKWARDS)
@@ -154,27 +154,27 @@ def played(
     fitted: PoleFit, recorded: RecordingSet, rows: Sequence[int], times: Array
 ) -> RenderedHit:
     """Return one hit of some rows, in the loudest channel where there are more than two."""
-    heard = [fitted.samples_and_model(row)[0] for row in rows]
+    recordings = [fitted.samples_and_model(row)[0] for row in rows]
     if len(rows) > _EARS:
-        best = int(np.argmax([(each**2).sum() for each in heard]))
-        rows, heard = [rows[best]], [heard[best]]
-    what = fitted.rows[rows[0]]
-    take = recorded.takes[what.take]
+        loudest_index = int(np.argmax([(recording**2).sum() for recording in recordings]))
+        rows, recordings = [rows[loudest_index]], [recordings[loudest_index]]
+    part = fitted.rows[rows[0]]
+    take = recorded.takes[part.take]
     rate = take.sample_rate
-    onset = round(what.onset * rate)
-    first, last = max(0, onset - round(LEAD * rate)), round(what.time * rate) + len(heard[0])
+    onset = round(part.onset * rate)
+    first, last = max(0, onset - round(LEAD * rate)), round(part.time * rate) + len(recordings[0])
     original = take.samples[[fitted.rows[row].channel for row in rows], first:last]
     modes = np.zeros_like(original)
     for channel, row in enumerate(rows):
         start = min(max(first, round(times[row] * rate)), last)
         modes[channel, start - first :] = fitted.ringing(row, start / rate, last - start)
-    fade = _fades(last - first, round(_FADE_IN * rate), round(_FADE_OUT * rate))
+    fade_gains = _fades(last - first, round(_FADE_IN * rate), round(_FADE_OUT * rate))
     return RenderedHit(
-        take=what.take,
-        onset=what.onset,
+        take=part.take,
+        onset=part.onset,
         lead=(onset - first) / rate,
-        original=original * fade,
-        modes=modes * fade,
+        original=original * fade_gains,
+        modes=modes * fade_gains,
         beside=None,
         sample_rate=rate,
     )
@@ -183,16 +183,16 @@ def played(
 def with_residual(hit: RenderedHit, residual: Residual, distance: float) -> RenderedHit:
     """Return the loudest hit with attack and noise as well, recorded from `distance` m away."""
     # They are those of the channel that holds most; in another they are as loud as what is left.
-    found = residual.samples(hit.sample_rate) / distance
+    residual_samples = residual.samples(hit.sample_rate) / distance
     first = round(hit.lead * hit.sample_rate)
-    heard = np.zeros(hit.original.shape[1])
-    part = found[: len(heard) - first]
-    heard[first : first + len(part)] = part
+    shifted_samples = np.zeros(hit.original.shape[1])
+    part = residual_samples[: len(shifted_samples) - first]
+    shifted_samples[first : first + len(part)] = part
     levels = np.sqrt((hit.rest**2).sum(axis=1))
-    loudest = int((hit.original**2).sum(axis=1).argmax())
-    shares = levels / max(float(levels[loudest]), 1e-300)
-    fade = _fades(len(heard), 0, round(_FADE_OUT * hit.sample_rate))
-    return replace(hit, beside=cast("Array", np.outer(shares, heard * fade)))
+    loudest_channel = int((hit.original**2).sum(axis=1).argmax())
+    factors = levels / max(float(levels[loudest_channel]), 1e-300)
+    fade_gains = _fades(len(shifted_samples), 0, round(_FADE_OUT * hit.sample_rate))
+    return replace(hit, beside=cast("Array", np.outer(factors, shifted_samples * fade_gains)))
 
 
 def _fades(length: int, rising: int, falling: int) -> Array:
@@ -210,15 +210,17 @@ def _fades(length: int, rising: int, falling: int) -> Array:
 @in_default_style
 def spectrograms(hit: RenderedHit, lowest: float) -> Figure:
     """Draw original, model and residual from a lowest frequency on, on one scale of colours."""
-    named = (("original", hit.original), ("model", hit.modes), ("residual", hit.rest))
-    seen = [
+    spectra_parts = (("original", hit.original), ("model", hit.modes), ("residual", hit.rest))
+    spectra_rows = [
         powers_in_time(_sound(samples, hit.sample_rate), lowest, columns=500, rows=300)[:3]
-        for _, samples in named
+        for _, samples in spectra_parts
     ]
-    loudest = max(float(seen[0][2].max()), 1e-300)
+    loudest = max(float(spectra_rows[0][2].max()), 1e-300)
     figure = chart(WIDE, 4.2)
     panels = figure.subplots(1, 3, sharex=True, sharey=True)
-    for axes, (caption, _), (times, frequencies, powers) in zip(panels, named, seen, strict=True):
+    for axes, (caption, _), (times, frequencies, powers) in zip(
+        panels, spectra_parts, spectra_rows, strict=True
+    ):
         levels = 10 * np.log10(np.maximum(powers / loudest, 1e-20))
         draw_spectrogram(axes, times - hit.lead, frequencies, levels)
         axes.set_title(caption, fontsize=10, color=INK)
@@ -232,20 +234,22 @@ def spectra(hit: RenderedHit, frequencies: Array, sure: Mask, lowest: float) -> 
     """Draw the spectra of original and residual, with the `sure` modes (M,) and others marked."""
     figure = chart(WIDE, 4.4)
     axes = figure.subplots()
-    middles, heard = strongest(_sound(hit.original, hit.sample_rate))
-    _, left = strongest(_sound(hit.rest, hit.sample_rate))
-    levels = decibels(np.concatenate([heard, left])).reshape(2, -1)
-    axes.plot(middles, levels[0], color=BLUE, linewidth=0.9, label="original")
-    axes.plot(middles, levels[1], color=ORANGE, linewidth=0.8, alpha=0.8, label="residual")
+    centre_frequencies, original_spectrum = strongest(_sound(hit.original, hit.sample_rate))
+    _, residual_spectrum = strongest(_sound(hit.rest, hit.sample_rate))
+    levels = decibels(np.concatenate([original_spectrum, residual_spectrum])).reshape(2, -1)
+    axes.plot(centre_frequencies, levels[0], color=BLUE, linewidth=0.9, label="original")
+    axes.plot(
+        centre_frequencies, levels[1], color=ORANGE, linewidth=0.8, alpha=0.8, label="residual"
+    )
     kinds = ((sure, INK, "modes"), (~sure, FAINT, "of the blow, or vague"))
-    for tones, colour, label in ((frequencies[each], *rest) for each, *rest in kinds):
+    for tones, colour, label in ((frequencies[is_kind], *style) for is_kind, *style in kinds):
         if len(tones):
-            heights = np.interp(tones, middles, levels[0])
+            heights = np.interp(tones, centre_frequencies, levels[0])
             axes.vlines(tones, heights, 6, color=FAINT, linewidth=0.5, alpha=0.5)
             axes.plot(tones, np.full(len(tones), 6.0), "v", color=colour, markersize=4, label=label)
     axes.set(xlabel="frequency (Hz)", ylabel="level (dB, strongest = 0)", ylim=(-RANGE, 12))
-    highest = hit.sample_rate / 2
-    frequency_axis(axes, min(lowest, highest / 2), highest)
+    nyquist = hit.sample_rate / 2
+    frequency_axis(axes, min(lowest, nyquist / 2), nyquist)
     axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=4, fontsize=9, frameon=False)
     return figure
 
@@ -258,7 +262,7 @@ def ringing_times(frequencies: Array, decays: Array, errors: Array, highest: flo
     axes = figure.subplots()
     over = np.where(np.isfinite(errors), errors, 0.0)
     times = np.log(1000) / decays
-    # As far as one standard error up and down in the decay, which is not alike in the time.
+    # As far as one standard error up and down in the decay, which is not symmetric in the time.
     longest = np.log(1000) / np.maximum(decays - over, 0.1 * decays)
     ends = [times - np.log(1000) / (decays + over), longest - times]
     axes.errorbar(
@@ -349,18 +353,20 @@ def levels_at(survey: Survey, side: int) -> Array:
 def named(places: Array) -> list[str]:
     """Return coordinates (n, D) as text, with rounding errors about zero written as 0."""
     step = max(float(np.abs(places).max()), 1e-300) * _SAME
-    tidy = np.round(places / step) * step + 0.0
-    return [", ".join(rounded(value, 3) for value in place) for place in tidy]
+    rounded_places = np.round(places / step) * step + 0.0
+    return [", ".join(rounded(value, 3) for value in place) for place in rounded_places]
 
 
 def _label_modes(axes: Axes, frequencies: Array, unmeasured: Mask) -> None:
     shown = _spread(len(frequencies), 2 * _LABELS)
     axes.set_xticks(shown, [f"{frequencies[mode]:.0f}" for mode in shown], rotation=90, fontsize=8)
     axes.tick_params(length=0)
-    marked = np.flatnonzero(unmeasured)
-    if len(marked):
+    marked_indices = np.flatnonzero(unmeasured)
+    if len(marked_indices):
         above = axes.secondary_xaxis("top")
-        above.set_xticks(marked, ["\N{MULTIPLICATION SIGN}"] * len(marked), color=ORANGE)
+        above.set_xticks(
+            marked_indices, ["\N{MULTIPLICATION SIGN}"] * len(marked_indices), color=ORANGE
+        )
         above.tick_params(length=0)
         axes.set_title(
             "\N{MULTIPLICATION SIGN} not measured", fontsize=9, color=ORANGE, loc="right"

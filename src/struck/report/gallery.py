@@ -59,14 +59,14 @@ from struck.solids.revolution import Revolution, bell, bowl, wine_glass
 class Piece:
     """One body of the gallery: computed, struck, drawn and saved."""
 
-    name: str  # by which `gallery.toml` has its title and what is said of it
+    name: str  # key of its title and text in `gallery.toml`
     body: Callable[[], Solid | Mesh | Shape]
     material: str | Material
     sounds: tuple[tuple[str, Action | Sequence[Action]], ...] = ()  # unless the table has them
     band: tuple[float, float] = BAND  # Hz
     wall: float | None = None  # of a hollow mesh, m
     damping: str = "own"
-    spectrograms: bool = False  # whether each sound gets a picture of its own
+    spectrograms: bool = False  # whether each sound gets a separate picture
 
     @property
     def title(self) -> str:
@@ -106,9 +106,13 @@ class Piece:
         )
 
     def _played(self, model: ModalModel, folder: Path) -> Iterator[tuple[str, Sound]]:
-        told = table_of("struck.report", "gallery")[self.name].get("sounds", {})
+        sounds = table_of("struck.report", "gallery")[self.name].get("sounds", {})
         kinds = {"strike": Strike, "pluck": Pluck}
-        read = [(of, kinds[k](**how)) for of, each in told.items() for k, how in each.items()]
+        read = [
+            (caption, kinds[kind](**arguments))
+            for caption, excitations in sounds.items()
+            for kind, arguments in excitations.items()
+        ]
         for number, (caption, actions) in enumerate(self.sounds or read, start=1):
             sound = render(model, actions, seconds=3.0)
             sound.save(folder / f"{self.name}_{number}.wav", encoding="int24")
@@ -117,18 +121,20 @@ class Piece:
 
 def _origin(model: ModalModel) -> str:
     """Return by which way the modes of a body were found, and by which damping they decay."""
-    way = "finite elements" if getattr(model.gains, "formula", None) is None else "a formula"
+    method = "finite elements" if getattr(model.gains, "formula", None) is None else "a formula"
     damping = None if model.material is None else model.material.damping
     losses = "its own losses alone, as if nothing held it"
     if isinstance(damping, Rayleigh):
         losses = 'damping "as heard", tuned by ear, with its support and the air in it'
     if not len(model.decays):
-        return f"By {way}: it has no mode that is heard, and sounds by its recoil alone."
+        return f"By {method}: it has no mode that is heard, and sounds by its recoil alone."
     longest = float(np.log(1000) / model.decays.min())
-    return f"Modes by {way}; {losses}: the slowest takes {rounded(longest, 2)} s to fall by 60 dB."
+    return (
+        f"Modes by {method}; {losses}: the slowest takes {rounded(longest, 2)} s to fall by 60 dB."
+    )
 
 
-# A drum that somebody struck, and the model of it.
+# A recorded drum, and the model of it.
 
 NAME, TITLE = "tabla", "A recorded tabla"
 
@@ -178,8 +184,8 @@ def _scrape(roughness: str | Roughness | Profile, speed: float = 0.15) -> Scrape
 
 def _ring(name: str, length: float) -> Profile:
     """Return a finish read along a circle of some length, m: it repeats after each round."""
-    turns = 2 * np.pi * np.arange(1 << 13) / (1 << 13)
-    circle = np.stack([np.cos(turns), np.sin(turns), 0 * turns], axis=1) * length / (2 * np.pi)
+    phases = 2 * np.pi * np.arange(1 << 13) / (1 << 13)
+    circle = np.stack([np.cos(phases), np.sin(phases), 0 * phases], axis=1) * length / (2 * np.pi)
     return Profile(heights=Roughness.named(name).layers().at(circle), pitch=length / (1 << 13))
 
 
@@ -413,10 +419,10 @@ def gallery(folder: Path, progress: Progress = silent, pieces: Sequence[str] | N
     OptionError
         On an unknown piece.
     """
-    known = [*(piece.name for piece in (*SHAPES, *SOLIDS)), NAME, _SCENES]
+    names = [*(piece.name for piece in (*SHAPES, *SOLIDS)), NAME, _SCENES]
     for piece in pieces or ():
-        require_choice("pieces", piece, known)
-    chosen = known if pieces is None else pieces
+        require_choice("pieces", piece, names)
+    chosen = names if pieces is None else pieces
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -43,31 +43,31 @@ class Exhibit:
 def summary(model: ModalModel, *, whole: bool = True) -> list[str]:
     """Return the contents of a model, a line each; the `whole` with how it was made."""
     material = model.material
-    own = model.of_object
+    is_object_mode = model.of_object
     limit = f"none missing up to {model.complete_to:.0f} Hz"
-    known = limit if model.complete_to else "others may be missing"
-    lines = [f"{counted(np.count_nonzero(own), 'mode')}, {known}"]
+    completeness = limit if model.complete_to else "others may be missing"
+    lines = [f"{counted(np.count_nonzero(is_object_mode), 'mode')}, {completeness}"]
     indices = np.asarray(model.provenance.details.get("blow", ()), int)
-    blow = np.isin(np.arange(len(own)), indices)
-    vague = ~(own | blow)
-    if blow.any():
-        lines.append(f"blow      {counted(np.count_nonzero(blow), 'further mode')} in its place")
-    if vague.any():
-        others = counted(np.count_nonzero(vague), "further mode")
+    is_blow = np.isin(np.arange(len(is_object_mode)), indices)
+    is_vague = ~(is_object_mode | is_blow)
+    if is_blow.any():
+        lines.append(f"blow      {counted(np.count_nonzero(is_blow), 'further mode')} in its place")
+    if is_vague.any():
+        others = counted(np.count_nonzero(is_vague), "further mode")
         lines.append(f"vague     {others}, known to 30 % at best")
     if model.recoil is not None:
         times = 1e3 / (2 * np.pi * model.recoil.corners * model.recoil.dampings)
         lines.append(
             f"recoil    of the body as a whole, over within some {rounded(7 * times.max(), 2)} ms"
         )
-    if (rest := model.residual) is not None:
-        seconds, size = len(rest.attack) / rest.sample_rate, rest.size / 1000
+    if (residual := model.residual) is not None:
+        seconds, size = len(residual.attack) / residual.sample_rate, residual.size / 1000
         lines.append(
             f"residual  attack of {rounded(seconds, 2)} s, and noise after it: {size:.0f} kB"
         )
-    if model.errors is not None and np.isfinite(model.errors[own]).any():
-        middle, worst = 100 * np.nanmedian(model.errors[own]), 100 * np.nanmax(model.errors[own])
-        half, most = rounded(middle, 2), rounded(worst, 2)
+    if model.errors is not None and np.isfinite(model.errors[is_object_mode]).any():
+        percentages = 100 * model.errors[is_object_mode]
+        half, most = rounded(np.nanmedian(percentages), 2), rounded(np.nanmax(percentages), 2)
         lines.append(f"errors    frequencies: half within {half} %, all within {most} %")
     if material is not None:
         kind, _, values = repr(material.damping).rstrip(")").partition("(")
@@ -81,8 +81,8 @@ def summary(model: ModalModel, *, whole: bool = True) -> list[str]:
     if model.geometry is not None:
         size = " x ".join(rounded(edge, 4) for edge in np.ptp(model.geometry.bounds, axis=0))
         up = model.provenance.details.get("up", model.geometry.up)
-        other = "; another by up= when it is analyzed" if "," in str(up) else ""
-        lines += [f"size      {size} m", f"up        {up}: it says where top is{other}"]
+        hint = "; another by up= when it is analyzed" if "," in str(up) else ""
+        lines += [f"size      {size} m", f"up        {up}: it says where top is{hint}"]
     unit = "Pa per N s" if model.gains.directional else "Pa per N s at 1 m"
     lines.append(f"gains     {unit if model.calibrated else 'relative'}")
     if not isinstance(model.gains, ShapeGains):
@@ -102,17 +102,16 @@ def _lost_to_air(model: ModalModel) -> list[str]:
     if not isinstance(model.gains, ShapeGains) or model.gains.directional or not model.calibrated:
         return []
     decays = decays_by_sound(model.gains)
-    more = np.flatnonzero(decays > model.decays)
-    if not len(more):
+    mode_indices = np.flatnonzero(decays > model.decays)
+    if not len(mode_indices):
         return []
-    own, first = model.decays[more[0]], model.frequencies[more[0]]
-    both = np.log(1000) / (own + decays[more[0]])
-    alone = f"{rounded(np.log(1000) / own, 2)} s" if own else "endless"
-    told = (
-        f"T60 leaves out what the sound itself takes: {len(more)} of {counted(len(decays), 'mode')}"
-    )
-    example = f"{first:.0f} Hz ({rounded(both, 2)} s in place of {alone})"
-    return [f"air       {told} lose more by that, as {example}"]
+    decay, first = model.decays[mode_indices[0]], model.frequencies[mode_indices[0]]
+    total_time = np.log(1000) / (decay + decays[mode_indices[0]])
+    material_time = f"{rounded(np.log(1000) / decay, 2)} s" if decay else "endless"
+    note = f"T60 leaves out what the sound itself takes: {len(mode_indices)} of "
+    note += counted(len(decays), "mode")
+    example = f"{first:.0f} Hz ({rounded(total_time, 2)} s in place of {material_time})"
+    return [f"air       {note} lose more by that, as {example}"]
 
 
 def _method(model: ModalModel) -> list[str]:
@@ -151,9 +150,9 @@ def _table(model: ModalModel, table: TimbreTable) -> str:
 def _field(model: ModalModel, field: TimbreField) -> list[str]:
     part = field.contact_part
     ranges = list(zip(part.lowest, part.lowest + part.spans, strict=True))
-    inside = len(field.listener_part.inside.places)
+    inner_count = len(field.listener_part.inside.places)
     places = counted(len(part.contacts), "contact")
-    places += f" and {counted(inside, 'listener')} inside" if inside else ""
+    places += f" and {counted(inner_count, 'listener')} inside" if inner_count else ""
     lines = [f"recorded  a field of {places}{_over(model, ranges)}"]
     errors = field.rank_errors[model.of_object[: field.count]]
     errors = errors[np.isfinite(errors)]
@@ -169,12 +168,12 @@ def _field(model: ModalModel, field: TimbreField) -> list[str]:
 def _over(model: ModalModel, ranges: Sequence[tuple[float, float]]) -> str:
     """Return the ranges of the coordinates of contacts, in words."""
     names = model.coordinates
-    said = [
+    lines = [
         f"{name} from {rounded(low, 4)} to {rounded(high, 4)}"
         for name, (low, high) in zip(names, ranges, strict=False)
     ]
-    said += [f"{name} all around" for name in names[len(ranges) :]]
-    return f", {', '.join(said)}" if said else ""
+    lines += [f"{name} all around" for name in names[len(ranges) :]]
+    return f", {', '.join(lines)}" if lines else ""
 
 
 def page(
@@ -201,10 +200,10 @@ def page_of(
 def section(exhibit: Exhibit) -> str:
     """Return the part of a page that shows and plays an exhibit."""
     model = exhibit.model
-    own = np.flatnonzero(model.of_object)
-    shown = own[:_ROWS]
-    errors = None if model.errors is None else model.errors[shown]
-    table = modes_table(model.frequencies[shown], model.t60[shown], model.decays[shown], errors)
+    object_modes = np.flatnonzero(model.of_object)
+    modes = object_modes[:_ROWS]
+    errors = None if model.errors is None else model.errors[modes]
+    table = modes_table(model.frequencies[modes], model.t60[modes], model.decays[modes], errors)
     facts = "<br>".join(html.escape(line) for line in summary(model)[:3])
     sounds = "".join(
         f"<figure><figcaption>{html.escape(caption)}</figcaption>{sound._repr_html_()}"
@@ -214,6 +213,6 @@ def section(exhibit: Exhibit) -> str:
     return (
         f"<section><h2>{html.escape(exhibit.title)}</h2><p>{html.escape(exhibit.text)}</p>"
         f'<div class="sounds">{sounds}</div>{picture(exhibit.title, exhibit.picture)}'
-        f"<details><summary>{len(shown)} of {len(own)} modes</summary>"
+        f"<details><summary>{len(modes)} of {len(object_modes)} modes</summary>"
         f"<p>{facts}</p>{table}</details></section>"
     )

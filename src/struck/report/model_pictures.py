@@ -44,16 +44,16 @@ BRIGHTNESS = "brightness"
 MOST_MODES = 64  # mode shapes in one picture
 _INSTANTS = (0.125, 0.25, 0.5, 1.0)  # after a blow, periods of the lowest mode
 _RANGE = 30.0  # levels shown below the loudest direction, dB
-_FAR = 20.0  # radii, from where directions are told
+_FAR = 20.0  # radii, distance of the far field
 _UNKNOWN = 0.1  # m: radius of a body of which none is known
 _AROUND, _POLAR = 96, 49  # directions of the balloon
 _SPAN, _CELLS = 4.0, 121  # of slices: radii from the centre, points along an edge
 _AT_ONCE = 256  # places
 _PLANES = (("above", 0, 1), ("front", 0, 2), ("side", 1, 2))  # name, axis across, axis up
 _BODY = "#cfcfcf"
-_SILENT = 1e-6  # of the power of the loudest place in slices: 60 dB below it nothing is heard
+_SILENT = 1e-6  # of the power of the loudest place in slices: 60 dB below it counts as silent
 _SOFT = "grey: the body, and where it is 60 dB softer than at the loudest place"
-_SAME = 1e-6  # m
+_LENGTH_TOLERANCE = 1e-6  # m
 _WIDE = 8.0  # ratio of frequencies from which ticks at 1, 2 and 5 are enough
 
 
@@ -68,10 +68,10 @@ def picture_of(
     nodal_lines: int | None = None,
 ) -> Figure:
     """Draw a model as `struck.show` does, and save the picture where a path is given."""
-    given = {"field": field, "strike": strike, "modes": modes, "nodal_lines": nodal_lines}
-    asked = [name for name, value in given.items() if value is not None]
-    if len(asked) > 1:
-        raise OptionError(f"{' and '.join(asked)} are two pictures: ask for one at a time")
+    requests = {"field": field, "strike": strike, "modes": modes, "nodal_lines": nodal_lines}
+    names = [name for name, value in requests.items() if value is not None]
+    if len(names) > 1:
+        raise OptionError(f"{' and '.join(names)} are two pictures: give one at a time")
     if strike is not None:
         figure = _response(model, strike)
     elif modes is not None:
@@ -85,8 +85,8 @@ def picture_of(
         figure = overview(model, sound, at=contact.place if contact.point.size else "")
     elif not model.gains.directional:
         raise OptionError(
-            "the model has no timbre field, it is heard alike on all sides: compute one with "
-            "model.radiating(), or fit recordings at several places"
+            "the model has no timbre field, it radiates equally in all directions: compute one "
+            "with model.radiating(), or fit recordings at several places"
         )
     else:
         figure = _slices(model) if field == BRIGHTNESS else _directivity(model, field)
@@ -125,7 +125,7 @@ def _mode_shapes(model: ModalModel, count: int) -> Figure:
     rows = -(-count // columns)
     figure = chart(3.2 * columns, (3.2 / np.clip(painter.aspect, 0.8, 4.0) + 0.5) * rows + 0.8)
     shapes = [gains.shapes[:, :, mode].astype(np.float64) for mode in range(count)]
-    titles = [f"{n + 1}:  {each:.1f} Hz" for n, each in enumerate(model.frequencies[:count])]
+    titles = [f"{n + 1}:  {value:.1f} Hz" for n, value in enumerate(model.frequencies[:count])]
     painter.paint_modes(figure, shapes, titles, [""] * count, columns=columns)
     return figure
 
@@ -166,8 +166,8 @@ def blow_response(model: ModalModel, strike: Strike, times: Array) -> tuple[Arra
     rates = 2 * np.pi * model.frequencies
     swings = np.exp(-np.outer(times, model.decays)) * np.sin(np.outer(times, rates)) / rates
     shapes = gains.shapes.astype(np.float64)
-    moved = np.einsum("vdm,tm->tvd", shapes, blow.impulse * drives * lasting * swings)
-    return shapes @ (blow.impulse * drives), moved
+    displacements = np.einsum("vdm,tm->tvd", shapes, blow.impulse * drives * lasting * swings)
+    return shapes @ (blow.impulse * drives), displacements
 
 
 @in_default_style
@@ -176,18 +176,18 @@ def _response(model: ModalModel, strike: Strike) -> Figure:
     contact = model.contact(strike.at, strike.direction)
     blow = strike.resolved(model, contact)
     times = blow.duration / 2 + np.array(_INSTANTS) / model.frequencies[0]
-    velocity, moved = blow_response(model, strike, times)
+    velocity, displacements = blow_response(model, strike, times)
     painter = Painter.of(gains.surface).toward(-contact.direction)
     titles = [f"impulse on {counted(len(model.frequencies), 'mode')}"]
     titles += [f"{quantity(time - blow.duration / 2, 's', 3)} after the blow" for time in times]
-    largest = [np.linalg.norm(each, axis=1).max() for each in moved]
+    amplitudes = [np.linalg.norm(value, axis=1).max() for value in displacements]
     captions = [f"up to {quantity(np.linalg.norm(velocity, axis=1).max(), 'm/s')}"]
-    captions += [f"up to {quantity(each, 'm')}" for each in largest]
+    captions += [f"up to {quantity(value, 'm')}" for value in amplitudes]
     figure = chart(13.0, float(np.clip(2.6 / painter.aspect, 1.4, 4.2)) + 1.6)
     during = f" in {quantity(blow.duration, 's')}" if blow.duration else ""
     title = f"response to a blow of {quantity(blow.impulse, 'N s')}{during} at {contact.place}"
     figure.suptitle(title, fontsize=12, color=INK)
-    panels = painter.paint_modes(figure, [velocity, *moved], titles, captions, signed=True)
+    panels = painter.paint_modes(figure, [velocity, *displacements], titles, captions, signed=True)
     panels[0].plot(*(painter.view[:2] @ contact.point), "o", color=ORANGE, ms=7, mec="white")
     return figure
 
@@ -217,7 +217,7 @@ def grid_picture(
     contacts, listeners : array (P, 3), array (Q, 3)
         Places in body coordinates, m.
     directions : array (P, 3), optional
-        Which way each contact is struck; toward the z axis unless given.
+        Direction of the push at each contact. Default: toward the z axis.
     surface : Mesh, optional
         The body, m.
 
@@ -230,19 +230,27 @@ def grid_picture(
     OptionError
         When there is nothing to draw, or places are not finite.
     """
-    struck, heard = _places("contacts", contacts), _places("listeners", listeners)
-    reach = max(float(np.abs(np.concatenate([struck, heard])).max()), 1e-3)
-    ways = -struck * [1, 1, 0] if directions is None else _places("directions", directions)
-    require_numbers("directions", ways, struck.shape)
-    ways = np.where(np.linalg.norm(ways, axis=1, keepdims=True) > 0, ways, [-1.0, 0, 0])
+    contact_points, listener_points = _places("contacts", contacts), _places("listeners", listeners)
+    reach = max(float(np.abs(np.concatenate([contact_points, listener_points])).max()), 1e-3)
+    pushes = (
+        -contact_points * [1, 1, 0] if directions is None else _places("directions", directions)
+    )
+    require_numbers("directions", pushes, contact_points.shape)
+    pushes = np.where(np.linalg.norm(pushes, axis=1, keepdims=True) > 0, pushes, [-1.0, 0, 0])
     figure = chart(7.0, 6.4)
     axes = _space(figure.add_subplot(projection="3d"))
     if surface is not None:
         axes.plot_trisurf(*surface.points.T, triangles=surface.faces, color=_BODY, alpha=0.6)
-    axes.scatter(*heard.T, s=26, c=FAINT, depthshade=False, label=counted(len(heard), "listener"))
-    ways = 0.25 * reach * ways / np.linalg.norm(ways, axis=1, keepdims=True)
-    label = counted(len(struck), "contact")
-    axes.quiver(*(struck - ways).T, *ways.T, color=ORANGE, linewidth=2, label=label)
+    axes.scatter(
+        *listener_points.T,
+        s=26,
+        c=FAINT,
+        depthshade=False,
+        label=counted(len(listener_points), "listener"),
+    )
+    pushes = 0.25 * reach * pushes / np.linalg.norm(pushes, axis=1, keepdims=True)
+    label = counted(len(contact_points), "contact")
+    axes.quiver(*(contact_points - pushes).T, *pushes.T, color=ORANGE, linewidth=2, label=label)
     axes.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
     axes.set_aspect("equal")
     axes.legend(loc="upper left", frameon=False, fontsize=9)
@@ -311,11 +319,11 @@ def _draw_balloon(figure: Figure, ways: Array, radii: Array) -> None:
     axes.view_init(elev=22, azim=-58)
 
 
-def _powers(model: ModalModel, ways: Array, mode: int) -> Array:
-    """Return squares of a mode's gain far away along unit ways (P, 3): (P,)."""
-    far = _FAR * (radius_of(model) or _UNKNOWN)
-    heard = _toward(model.gains, centre_of(model) + far * ways)[:, :, mode]
-    return np.square(np.abs(heard)).sum(axis=1)
+def _powers(model: ModalModel, directions: Array, mode: int) -> Array:
+    """Return squares of a mode's gain far away along unit directions (P, 3): (P,)."""
+    distance = _FAR * (radius_of(model) or _UNKNOWN)
+    gains = _toward(model.gains, centre_of(model) + distance * directions)[:, :, mode]
+    return np.square(np.abs(gains)).sum(axis=1)
 
 
 def _shown(shares: Array) -> Array:
@@ -341,12 +349,12 @@ def _slices(model: ModalModel) -> Figure:
     )
     figure.suptitle(f"{where}\n{_SOFT}", fontsize=12, color=INK)
     panels = figure.subplots(1, 3)
-    seen = [_brightness(model, contact, centre, line, across, up) for _, across, up in _PLANES]
-    least = _SILENT * max(np.nanmax(powers) for _, powers in seen)
-    drawn = [np.where(powers >= least, values, np.nan) for values, powers in seen]
-    known = np.concatenate([values[np.isfinite(values)] for values in drawn])
-    scale = LogNorm(*_colour_range(*np.percentile(known, (1, 99)).tolist()))
-    for axes, (name, across, up), values in zip(panels, _PLANES, drawn, strict=True):
+    slices = [_brightness(model, contact, centre, line, across, up) for _, across, up in _PLANES]
+    least = _SILENT * max(np.nanmax(powers) for _, powers in slices)
+    images = [np.where(powers >= least, values, np.nan) for values, powers in slices]
+    finite_values = np.concatenate([values[np.isfinite(values)] for values in images])
+    scale = LogNorm(*_colour_range(*np.percentile(finite_values, (1, 99)).tolist()))
+    for axes, (name, across, up), values in zip(panels, _PLANES, images, strict=True):
         axes.set_facecolor(_BODY)
         axes.pcolormesh(
             centre[across] + line, centre[up] + line, values, norm=scale, cmap="viridis",
@@ -356,7 +364,7 @@ def _slices(model: ModalModel) -> Figure:
         axes.set_title(f"from {name}", fontsize=10, color=INK)
     bar = figure.colorbar(ScalarMappable(scale, "viridis"), ax=list(panels), pad=0.01, label="Hz")
     ticks = _round_ticks(scale.vmin or 1.0, scale.vmax or 1.0)
-    bar.set_ticks(ticks, labels=[f"{each:.0f}" for each in ticks], minor=False)
+    bar.set_ticks(ticks, labels=[f"{value:.0f}" for value in ticks], minor=False)
     bar.ax.minorticks_off()
     bar.outline.set_visible(False)  # type: ignore[operator] - stubs take an outline for a spine
     return figure
@@ -386,27 +394,29 @@ def _brightness(
     drives = model.gains.at(contact.point[None], contact.direction[None])[0]
     lasting = 1 / np.maximum(model.decays, 1e-3 * model.natural_frequencies)
     values, powers = np.full((2, len(places)), np.nan)
-    known = _known(model, places - centre, places)
-    gains = (_toward(model.gains, places[known]) * drives).sum(axis=1)
+    is_known = _known(model, places - centre, places)
+    gains = (_toward(model.gains, places[is_known]) * drives).sum(axis=1)
     energies = np.square(np.abs(gains)) * lasting
-    total = energies.sum(axis=1)
-    values[known] = energies @ model.frequencies / np.where(total > 0, total, np.nan)
-    powers[known] = total
+    total_energy = energies.sum(axis=1)
+    values[is_known] = (
+        energies @ model.frequencies / np.where(total_energy > 0, total_energy, np.nan)
+    )
+    powers[is_known] = total_energy
     return values.reshape(len(line), -1), powers.reshape(len(line), -1)
 
 
-def _known(model: ModalModel, apart: Array, places: Array) -> Mask:
+def _known(model: ModalModel, offsets: Array, places: Array) -> Mask:
     """Return which places (P,) are outside of a body, and of where its field is not known."""
-    gains, distances = model.gains, np.linalg.norm(apart, axis=1)
+    gains, distances = model.gains, np.linalg.norm(offsets, axis=1)
     if not isinstance(gains, ShapeGains):
         return distances > max(getattr(gains, "radius", 0.0), 1e-6)
     if isinstance(gains, RadiatingGains) and not gains.near:
-        return distances > CLOSE * gains.field.radius + _SAME
-    close = np.flatnonzero(distances < gains.radius)
-    known = np.ones(len(places), np.bool_)
-    if len(close):
-        known[close] = ~gains.locator.holds(places[close])
-    return known
+        return distances > CLOSE * gains.field.radius + _LENGTH_TOLERANCE
+    close_indices = np.flatnonzero(distances < gains.radius)
+    is_known = np.ones(len(places), np.bool_)
+    if len(close_indices):
+        is_known[close_indices] = ~gains.locator.holds(places[close_indices])
+    return is_known
 
 
 def _toward(gains: Gains, places: Array) -> Complex:

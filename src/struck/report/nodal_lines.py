@@ -89,16 +89,16 @@ def zero_lines(points: Array, faces: Index, values: Array) -> Array:
     Triangles at a border that is held, where all is zero, have none.
     """
     largest = np.abs(values).max(initial=0.0)
-    moves = np.abs(values) > _ZERO * largest
+    is_moving = np.abs(values) > _ZERO * largest
     edges = _border(faces)
-    held = np.zeros(len(values), np.bool_)
-    held[edges] = True
-    held[edges[moves[edges].any(axis=1)]] = False
+    is_held = np.zeros(len(values), np.bool_)
+    is_held[edges] = True
+    is_held[edges[is_moving[edges].any(axis=1)]] = False
     # Zero counts as above zero, so that each line is found once, from below.
-    below = values[faces] < 0
-    crossed = below.any(axis=1) & ~below.all(axis=1)
-    crossed &= moves[faces].any(axis=1) & ~held[faces].any(axis=1)
-    start = faces[crossed]
+    is_negative = values[faces] < 0
+    is_crossed = is_negative.any(axis=1) & ~is_negative.all(axis=1)
+    is_crossed &= is_moving[faces].any(axis=1) & ~is_held[faces].any(axis=1)
+    start = faces[is_crossed]
     end = np.roll(start, -1, axis=1)
     through = (values[start] < 0) != (values[end] < 0)  # two edges of each triangle
     start, end = start[through], end[through]
@@ -142,8 +142,8 @@ def draw_nodal_lines(gains: ShapeGains, frequencies: Array, title: str) -> Figur
         axes.add_collection(
             LineCollection(list(lines), colors=INK, linewidths=1.7, capstyle="round")
         )
-        still = "" if motion.any() else "\nmoves in its plane"
-        axes.set_title(f"{mode + 1}:  {hertz(frequencies[mode])}{still}", fontsize=9, color=INK)
+        remark = "" if motion.any() else "\nmoves in its plane"
+        axes.set_title(f"{mode + 1}:  {hertz(frequencies[mode])}{remark}", fontsize=9, color=INK)
         margin = _MARGIN * float((high - low).max())
         axes.set(xlim=(low[0] - margin, high[0] + margin), aspect="equal")
         axes.set(ylim=(low[1] - margin, high[1] + margin))
@@ -164,7 +164,7 @@ def _refined(gains: ShapeGains, count: int) -> tuple[Mesh, Array]:
 
 
 def _quartered(surface: Mesh) -> Mesh:
-    """Return a surface with each triangle split at the middles of its edges."""
+    """Return a surface with each triangle split at the midpoints of its edges."""
     faces = surface.faces
     edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     edges, number = np.unique(edges, axis=0, return_inverse=True)
@@ -190,24 +190,30 @@ def _shade(axes: Axes, plan: PlanView, motion: Array) -> None:
 def _view(surface: Mesh) -> tuple[Array, str]:
     """Return unit vectors right, upward and toward the eye (3, 3), and from where that is."""
     weights = np.linalg.norm(surface.area_vectors, axis=1)
-    apart = surface.centroids - np.average(surface.centroids, axis=0, weights=weights)
-    axes = np.linalg.eigh(np.einsum("f,fi,fj->ij", weights, apart, apart))[1].T[::-1]
+    offsets = surface.centroids - np.average(surface.centroids, axis=0, weights=weights)
+    axes = np.linalg.eigh(np.einsum("f,fi,fj->ij", weights, offsets, offsets))[1].T[::-1]
     spans = np.ptp(surface.points @ axes.T, axis=0)
     up = "xyz".index(surface.up)
-    thin = int(np.argmin(spans))
-    toward = axes[thin] if spans[thin] <= _FLAT * np.sort(spans)[1] else np.eye(3)[up]
-    # A body whose broad side looks along an axis, but for rounding, is seen along that.
-    nearest = int(np.argmax(np.abs(toward)))
-    if abs(toward[nearest]) > 1 - 1e-6:
-        toward = np.eye(3)[nearest]
-    toward = toward * (1.0 if toward[np.argmax(np.abs(toward))] > 0 else -1.0)
+    thin_axis = int(np.argmin(spans))
+    eye_direction = (
+        axes[thin_axis] if spans[thin_axis] <= _FLAT * np.sort(spans)[1] else np.eye(3)[up]
+    )
+    # A body whose broad side faces along an axis, within rounding, is seen along that.
+    nearest_axis = int(np.argmax(np.abs(eye_direction)))
+    if abs(eye_direction[nearest_axis]) > 1 - 1e-6:
+        eye_direction = np.eye(3)[nearest_axis]
+    eye_direction = eye_direction * (
+        1.0 if eye_direction[np.argmax(np.abs(eye_direction))] > 0 else -1.0
+    )
     # To the right the axis of the body's coordinates that has most of its extent across.
-    across = np.eye(3) - np.outer(toward, toward)
-    lengths = np.ptp(surface.points @ across, axis=0) * np.linalg.norm(across, axis=1)
-    right = across[int(np.argmax(np.round(lengths / surface.extent, 6)))]
-    right = right / np.linalg.norm(right)
-    name = f"+{'xyz'[nearest]}" if toward[nearest] == 1 else "its broad side"
-    return np.stack([right, np.cross(toward, right), toward]), name
+    projector = np.eye(3) - np.outer(eye_direction, eye_direction)
+    lengths = np.ptp(surface.points @ projector, axis=0) * np.linalg.norm(projector, axis=1)
+    right_direction = projector[int(np.argmax(np.round(lengths / surface.extent, 6)))]
+    right_direction = right_direction / np.linalg.norm(right_direction)
+    name = f"+{'xyz'[nearest_axis]}" if eye_direction[nearest_axis] == 1 else "its broad side"
+    return np.stack(
+        [right_direction, np.cross(eye_direction, right_direction), eye_direction]
+    ), name
 
 
 def _hidden(corners: Array, deep: float) -> Mask:

@@ -143,7 +143,7 @@ def scene2002(
     accuracy : str
         As for `struck.analyze`.
     stems : bool
-        Whether the sound of each body is written too, beside that of all.
+        Whether the sound of each body is written too, next to that of all.
     progress : callable
         Told the stage and the fraction of it that is done.
 
@@ -190,8 +190,8 @@ def _played(staged: Staged, folder: Path, accuracy: str, progress: Progress) -> 
         f"{staged.name}_{name}": _remodelled(scene, models) for name, models in staged.again.items()
     }
     sounds = {
-        name: render(each, contacts, listener=staged.ears, seconds=staged.seconds + _RING)
-        for name, each in scenes.items()
+        name: render(scene, contacts, listener=staged.ears, seconds=staged.seconds + _RING)
+        for name, scene in scenes.items()
     }
     return Played(staged=staged, scene=scene, contacts=contacts, sounds=sounds)
 
@@ -214,9 +214,9 @@ def _saved(played: Played, folder: Path, *, stems: bool = False) -> list[Path]:
         for path, sound in zip(paths, played.sounds.values(), strict=True)
     ]
     if stems:
-        excited = events_of(played.scene, played.contacts).on()
-        heard = {"listener": staged.ears, "seconds": seconds + _RING}
-        paths += save_stems(excited, paths[0], factor=factors[0], **heard)
+        excitations = events_of(played.scene, played.contacts).on()
+        options = {"listener": staged.ears, "seconds": seconds + _RING}
+        paths += save_stems(excitations, paths[0], factor=factors[0], **options)
     save_contacts(played.contacts, base.with_suffix(".npz"))
     save_animation(played.scene, base.with_suffix(".glb"), seconds=seconds)
     first = next(iter(played.sounds.values()))
@@ -230,14 +230,14 @@ def scene_sections(folder: Path, progress: Progress = silent) -> Iterator[str]:
     for name, make in SCENES.items():
         staged = make(folder, "preview")
 
-        def told(stage: str, fraction: float, title: str = staged.title) -> None:
+        def report_progress(stage: str, fraction: float, title: str = staged.title) -> None:
             progress(f"{title}: {stage}", fraction)
 
-        paths = _saved(_played(staged, folder, "preview", told), folder)
+        paths = _saved(_played(staged, folder, "preview", report_progress), folder)
         sounds = "".join(
-            f'<figure><figcaption>{each.stem}</figcaption><audio controls src="{each.name}">'
+            f'<figure><figcaption>{path.stem}</figcaption><audio controls src="{path.name}">'
             "</audio></figure>"
-            for each in paths
+            for path in paths
         )
         yield (
             f"<section><h2>{html.escape(staged.title)}</h2><p>{html.escape(staged.text)} "
@@ -491,13 +491,13 @@ def _letter(letter: str) -> tuple[Extrusion, float]:
 
 def _thinned(loop: Array) -> Array:
     """Leave out points closer than 3 % of the font's size to the one before."""
-    kept = [loop[0]]
+    points = [loop[0]]
     for point in loop[1:]:
-        if np.linalg.norm(point - kept[-1]) > 0.03:
-            kept.append(point)
-    if np.linalg.norm(kept[-1] - kept[0]) < 0.03:
-        kept.pop()
-    return np.array(kept)
+        if np.linalg.norm(point - points[-1]) > 0.03:
+            points.append(point)
+    if np.linalg.norm(points[-1] - points[0]) < 0.03:
+        points.pop()
+    return np.array(points)
 
 
 def _area(loop: Array) -> float:

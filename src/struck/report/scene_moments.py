@@ -15,10 +15,11 @@ from struck.scene.events import Events
 
 MOST = 12  # moments
 _BLOWS = 8  # of them that show a blow, at most
-_APART = 1 / 40  # of the duration: blows nearer than that share a picture
-_LOOKS = 241  # times at which motion is measured
-_MOVED = 0.05  # of the way of the body that moves most: less between two pictures shows nothing new
-_SEEN = 0.1  # of the smallest body that moves: nor does less than that
+_MIN_SEPARATION = 1 / 40  # of the duration: blows nearer than that share a picture
+_SAMPLE_COUNT = 241  # times at which motion is measured
+# Fraction of the path of the body that moves most: less between two pictures shows nothing new.
+_MIN_PATH_FRACTION = 0.05
+_MIN_RADIUS_FRACTION = 0.1  # of the smallest body that moves: nor does less than that
 _SLIDES = 0.01  # m/s: slower contacts are not mentioned
 _LONGEST = 44  # characters of a caption
 
@@ -39,39 +40,44 @@ def moments_of(events: Events, seconds: float) -> list[Moment]:
     """
     captions: dict[float, str] = {}
     for time, caption in _blows(events):
-        near = min((abs(time - other) for other in captions), default=np.inf)
-        if len(captions) < _BLOWS and 0 <= time <= seconds and near >= _APART * seconds:
+        gap = min((abs(time - other) for other in captions), default=np.inf)
+        if len(captions) < _BLOWS and 0 <= time <= seconds and gap >= _MIN_SEPARATION * seconds:
             captions[time] = caption
     captions.setdefault(0.0, "start")
     times = sorted(captions)
-    looks = np.linspace(0.0, seconds, _LOOKS)
+    sample_times = np.linspace(0.0, seconds, _SAMPLE_COUNT)
     moving = [body for body in events.scene.bodies.values() if body.moves]
-    way = _ways(moving, looks)
-    smallest = min((radius_of(body.model) for body in moving), default=0.0)
-    least = max(_MOVED * way[-1], _SEEN * smallest, 1e-9)
-    while len(times) < MOST and (time := _between(times, looks, way, least)) is not None:
+    path_lengths = _ways(moving, sample_times)
+    min_radius = min((radius_of(body.model) for body in moving), default=0.0)
+    min_length = max(_MIN_PATH_FRACTION * path_lengths[-1], _MIN_RADIUS_FRACTION * min_radius, 1e-9)
+    while (
+        len(times) < MOST
+        and (time := _between(times, sample_times, path_lengths, min_length)) is not None
+    ):
         times = sorted([*times, time])
     return [
         Moment(time=time, caption=captions.get(time) or _sliding(events, time)) for time in times
     ]
 
 
-def _between(times: Sequence[float], looks: Array, way: Array, least: float) -> float | None:
+def _between(
+    times: Sequence[float], sample_times: Array, path_lengths: Array, min_length: float
+) -> float | None:
     """Return the time that halves the longest way between times, or the end of the motion.
 
     None where no way, m, between two of them reaches the `least`, or they are close in time.
     """
-    end = float(looks[-1])
-    gaps = np.diff(np.interp([*times, end], looks, way))
-    for widest in np.argsort(-gaps).tolist():
-        if gaps[widest] < least:
+    end = float(sample_times[-1])
+    gaps = np.diff(np.interp([*times, end], sample_times, path_lengths))
+    for number in np.argsort(-gaps).tolist():
+        if gaps[number] < min_length:
             break
-        if widest == len(times) - 1:
+        if number == len(times) - 1:
             time = end
         else:
-            middle = np.interp(times[widest], looks, way) + gaps[widest] / 2
-            time = float(np.interp(middle, way, looks))
-        if min(abs(time - other) for other in times) >= _APART * end:
+            middle = np.interp(times[number], sample_times, path_lengths) + gaps[number] / 2
+            time = float(np.interp(middle, path_lengths, sample_times))
+        if min(abs(time - other) for other in times) >= _MIN_SEPARATION * end:
             return time
     return None
 
@@ -85,11 +91,11 @@ def _blows(events: Events) -> list[tuple[float, str]]:
     sizes = np.zeros(len(blows))
     np.add.at(sizes, np.searchsorted(blows, impacts.blow), np.linalg.norm(impacts.impulse, axis=1))
     bodies = [events.scene.bodies[name] for name in names]
-    heard = [
+    is_audible = [
         not (bodies[impacts.first[row]].silent and bodies[impacts.second[row]].silent)
         for row in rows
     ]
-    order = np.lexsort((-sizes, ~np.array(heard)))
+    order = np.lexsort((-sizes, ~np.array(is_audible)))
     return [
         (float(impacts.time[row]), _hit(events, bodies, int(row))) for row in rows[order].tolist()
     ]
@@ -123,7 +129,7 @@ def _sliding(events: Events, time: float) -> str:
     for contact in events.sustained:
         if not contact.times[0] <= time <= contact.times[-1]:
             continue
-        speed = max(float(np.interp(time, contact.times, each)) for each in contact.speeds)
+        speed = max(float(np.interp(time, contact.times, speeds)) for speeds in contact.speeds)
         if speed > fastest:
             fastest = speed
             pair = [contact.first, contact.second]
@@ -142,9 +148,11 @@ def _ways(bodies: Sequence[Body], times: Array) -> Array:
     """Return how far the body that moves most has come at times, turns included, m (T,)."""
     steps = np.zeros(len(times) - 1)
     for body in bodies:
-        place, turn = course_of(body, times)
-        centre = place + turn @ centre_of(body.model)
-        ends = [centre] + [centre + radius_of(body.model) * turn[:, :, axis] for axis in range(2)]
-        moved = [np.linalg.norm(np.diff(each, axis=0), axis=1) for each in ends]
+        place, rotation = course_of(body, times)
+        centre = place + rotation @ centre_of(body.model)
+        ends = [centre] + [
+            centre + radius_of(body.model) * rotation[:, :, axis] for axis in range(2)
+        ]
+        moved = [np.linalg.norm(np.diff(end, axis=0), axis=1) for end in ends]
         steps = np.maximum(steps, np.max(moved, axis=0))
     return np.concatenate([[0.0], np.cumsum(steps)])

@@ -32,22 +32,22 @@ def sound_map_picture(sound_map: SoundMap, *, cells: bool = True) -> Figure:
     from matplotlib.colors import LogNorm
 
     scene = _Scene.of(sound_map)
-    panels = [("the body", _heard(sound_map, sound_map.brightness))]
+    panels = [("the body", _mask_inaudible(sound_map, sound_map.brightness))]
     if cells:
         played = np.repeat(sound_map.stored_brightness[sound_map.owners][:, None], 3, axis=1)
-        panels.append(("the map", _heard(sound_map, played)))
+        panels.append(("the map", _mask_inaudible(sound_map, played)))
     low, high = _range(np.concatenate([values[scene.order].ravel() for _, values in panels]))
     scale = LogNorm(low, high)
     columns = scene.columns(len(panels))
     rows = -(-len(panels) // columns)
     figure = chart(scene.width * columns, scene.height * rows + 1.3)
     figure.suptitle(_title(sound_map, len(scene.dots)), fontsize=11, color=INK)
-    drawn = figure.subplots(rows, columns, squeeze=False)
-    for axes, (title, values) in zip(drawn.flat, panels, strict=True):
+    panel_axes = figure.subplots(rows, columns, squeeze=False)
+    for axes, (title, values) in zip(panel_axes.flat, panels, strict=True):
         scene.paint(axes, values, scale)
         axes.set_title(title, fontsize=10, color=INK)
     bar = figure.colorbar(
-        ScalarMappable(scale, _COLOURS), ax=list(drawn.flat), location="bottom", shrink=0.6,
+        ScalarMappable(scale, _COLOURS), ax=list(panel_axes.flat), location="bottom", shrink=0.6,
         aspect=45, pad=0.03,
     )  # fmt: skip
     _label(bar.ax, low, high)
@@ -66,8 +66,8 @@ class _Scene:
     def of(cls, sound_map: SoundMap) -> _Scene:
         view = view_of(sound_map.surface)
         seen = sound_map.surface.points[sound_map.surface.faces] @ view.T
-        toward = -sound_map.directions @ view[2] > 0
-        dots = (sound_map.contacts @ view.T)[toward, :2]
+        is_visible = -sound_map.directions @ view[2] > 0
+        dots = (sound_map.contacts @ view.T)[is_visible, :2]
         return cls(places=seen, order=facing(seen), dots=dots)
 
     @property
@@ -95,8 +95,8 @@ class _Scene:
         import matplotlib as mpl
 
         colours = mpl.colormaps[_COLOURS].with_extremes(bad=_SILENT)
-        painted = colours(scale(np.ma.masked_invalid(values[self.order].ravel())))
-        shade(axes, self.places[self.order, :, :2], painted)
+        face_colours = colours(scale(np.ma.masked_invalid(values[self.order].ravel())))
+        shade(axes, self.places[self.order, :, :2], face_colours)
         axes.plot(*self.dots.T, "o", ms=3, mfc="white", mec=INK, mew=0.7)
         flat = self.places[:, :, :2].reshape(-1, 2)
         low, high = flat.min(axis=0), flat.max(axis=0)
@@ -105,10 +105,10 @@ class _Scene:
 
 
 def _range(values: Array) -> tuple[float, float]:
-    known = values[np.isfinite(values)]
-    if not len(known):
+    finite_values = values[np.isfinite(values)]
+    if not len(finite_values):
         return 20.0, 20_000.0
-    low, high = (float(each) for each in np.percentile(known, [1, 99]))
+    low, high = (float(value) for value in np.percentile(finite_values, [1, 99]))
     return (low, high) if high > 1.01 * low else (low / 1.1, high * 1.1)
 
 
@@ -124,7 +124,7 @@ def _label(axes: Axes, low: float, high: float) -> None:
     axes.tick_params(labelsize=8)
 
 
-def _heard(sound_map: SoundMap, values: Array) -> Array:
+def _mask_inaudible(sound_map: SoundMap, values: Array) -> Array:
     """Return values at corners of faces (F, 3), NaN where the sound is below the map's level."""
     energies = np.square(np.abs(sound_map.gains)) @ integrated(sound_map.decays)
     loudness = sound_map.factors * np.sqrt(energies)[sound_map.owners][:, None]

@@ -31,10 +31,10 @@ _OUTLINE, _FAINT = "#3a3a3a", "#6b6b6b"
 class Painter:
     """A surface with a point of view."""
 
-    surface: Mesh  # what is drawn
+    surface: Mesh  # as drawn
     sources: sparse.csr_array  # weights of the body's vertices at those drawn
     view: Array  # (3, 3): as `view_of`
-    remark: str = ""  # what was done to draw it faster, if anything
+    remark: str = ""  # how it was simplified, if it was
 
     @classmethod
     def of(cls, surface: Mesh) -> Painter:
@@ -149,7 +149,7 @@ def shade(axes: Axes, places: Array, colours: NDArray[np.floating]) -> None:
 
 
 def frame(axes: Axes, low: Array, high: Array) -> None:
-    """Show a rectangle from its low to its high corner (2,), m, alike in both directions."""
+    """Show a rectangle from its low to its high corner (2,), m, with equal scales."""
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     axes.set_axis_off()
 
@@ -174,10 +174,10 @@ def _thinned(surface: Mesh) -> Mesh:
 
     points, faces = np.asfortranarray(surface.points), np.asfortranarray(surface.faces)
     moved, left, _, _ = igl.decimate(points, faces, MOST_FACES)
-    fewer = np.asarray(left, np.int64)
-    if not len(fewer):  # a surface that is no manifold is drawn whole
+    faces_left = np.asarray(left, np.int64)
+    if not len(faces_left):  # a surface that is no manifold is drawn whole
         return surface
-    return Mesh(points=np.asarray(moved, np.float64), faces=fewer, up=surface.up)
+    return Mesh(points=np.asarray(moved, np.float64), faces=faces_left, up=surface.up)
 
 
 def _interpolation(surface: Mesh, points: Array) -> sparse.csr_array:
@@ -198,7 +198,7 @@ def _corners(surface: Mesh, values: Array) -> Array:
 
 
 def _quartered(corners: Array) -> Array:
-    """Split each triangle at the middles of its edges: smoother shades on coarse surfaces."""
+    """Split each triangle at the midpoints of its edges: smoother shades on coarse surfaces."""
     middles = (corners + np.roll(corners, -1, axis=1)) / 2
     (a, b, c), (ab, bc, ca) = corners.swapaxes(0, 1), middles.swapaxes(0, 1)
     parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]

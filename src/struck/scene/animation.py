@@ -58,8 +58,8 @@ def save_animation(
     FileFormatError
         Where it cannot be written.
     """
-    require_number("seconds", seconds, 0.0, 3600.0, above=True, wanted="it must exceed 0")
-    require_number("frames_per_second", frames_per_second, 1.0, 1000.0, wanted="give 1 to 1000")
+    require_number("seconds", seconds, 0.0, 3600.0, above=True, hint="it must exceed 0")
+    require_number("frames_per_second", frames_per_second, 1.0, 1000.0, hint="give 1 to 1000")
     shown = {name: body for name, body in scene.bodies.items() if body.model.geometry is not None}
     if not shown:
         raise OptionError("no body of the scene has a surface: there is nothing to show")

@@ -240,7 +240,7 @@ class Scene:
         object.__setattr__(self, "bodies", MappingProxyType(dict(self.bodies)))
         object.__setattr__(self, "gravity", gravity)
         if self.logged is not None:
-            require_number("logged", self.logged, 0.0, np.inf, wanted="give the end of the log, s")
+            require_number("logged", self.logged, 0.0, np.inf, hint="give the end of the log, s")
 
     def posed(self, contacts: Contacts) -> Scene:
         """Return the scene with its bodies at the poses of a log of `contacts`.

@@ -19,7 +19,7 @@ def require_fade(fade: float | None, seconds: float | None) -> None:
     """Refuse a `fade`, s, that is negative, no number, or longer than the `seconds` of a sound."""
     if fade is None:
         return
-    require_number("fade", fade, 0, wanted="give seconds, as 0.01, or 0 for none", unit=" s")
+    require_number("fade", fade, 0, hint="give seconds, as 0.01, or 0 for none", unit=" s")
     if seconds is not None and fade > seconds:
         raise OptionError(
             f"fade is {fade:g} s and the sound lasts {seconds:g} s: give a fade of at most that, "

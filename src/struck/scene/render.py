@@ -236,9 +236,9 @@ def require_length(seconds: float | None, sample_rate: int) -> None:
     """Refuse lengths, s, and sample rates, Hz, that no sound has."""
     if seconds is not None:
         wanted = "it must lie above 0 and at most at 3600"
-        require_number("seconds", seconds, 0, LONGEST_SOUND, above=True, wanted=wanted)
+        require_number("seconds", seconds, 0, LONGEST_SOUND, above=True, hint=wanted)
     wanted = "give a whole number of Hz, such as 48000"
-    require_number("sample_rate", sample_rate, 1, _HIGHEST_RATE, whole=True, wanted=wanted)
+    require_number("sample_rate", sample_rate, 1, _HIGHEST_RATE, whole=True, hint=wanted)
     if seconds is not None and seconds * sample_rate > _MOST_SAMPLES:
         raise OptionError(
             f"{seconds} s at {sample_rate} Hz are {rounded(seconds * sample_rate, 3)} samples, "

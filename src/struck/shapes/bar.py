@@ -196,7 +196,7 @@ class GivenSection:
         for name, unit in (("area", "m^2"), ("second_moment", "m^4")):
             wanted, value = "it must exceed 0, and 1e-36 is the least", getattr(self, name)
             label = f"{name} of the section"
-            require_number(label, value, 1e-36, 1e24, wanted=wanted, unit=f" {unit}")
+            require_number(label, value, 1e-36, 1e24, hint=wanted, unit=f" {unit}")
         if not 0 < self.shear_coefficient <= 1:
             raise OptionError(
                 f"shear_coefficient is {self.shear_coefficient}: it must lie above 0 and at most "

@@ -242,7 +242,7 @@ def _spread(surface: Mesh) -> tuple[Array, Array]:
 def require_tension(body: str, tension: float) -> None:
     """Raise OptionError unless `tension` is a positive, finite force over a length, N/m."""
     name, wanted = f"tension of the {body}", "it must exceed 0, and 1e-12 N/m is the least"
-    require_number(name, tension, 1e-12, wanted=wanted, unit=" N/m")
+    require_number(name, tension, 1e-12, hint=wanted, unit=" N/m")
 
 
 def require_countable(body: str, area: float, wavenumber: float, highest: float) -> None:

@@ -87,7 +87,7 @@ class String(Shape):
         require_length("length of the string", self.length)
         require_length("radius of the string", self.radius)
         require_number(
-            "tension of the string", self.tension, above=True, wanted="it must exceed 0", unit=" N"
+            "tension of the string", self.tension, above=True, hint="it must exceed 0", unit=" N"
         )
 
     @property

@@ -53,7 +53,7 @@ def coarser(accuracy: str) -> str:
 def require_length(name: str, value: float) -> None:
     """Raise OptionError unless `value` is a positive, finite length in m."""
     wanted = f"it must exceed 0, and {_SHORTEST:g} m are the least that is computed"
-    require_number(name, value, _SHORTEST, _LONGEST, wanted=wanted, unit=" m")
+    require_number(name, value, _SHORTEST, _LONGEST, hint=wanted, unit=" m")
 
 
 def require_counts(elements: tuple[int, ...], names: Sequence[str], least: Sequence[int]) -> None:
@@ -62,7 +62,7 @@ def require_counts(elements: tuple[int, ...], names: Sequence[str], least: Seque
         raise OptionError(f"elements are {elements}: give {len(names)} counts, {', '.join(names)}")
     for name, count, bound in zip(names, elements, least, strict=True):
         wanted = f"give a whole number of at least {bound}"
-        require_number(f"elements {name}", count, bound, _MOST_ELEMENTS, whole=True, wanted=wanted)
+        require_number(f"elements {name}", count, bound, _MOST_ELEMENTS, whole=True, hint=wanted)
 
 
 _MOST_ELEMENTS = 10_000  # in one direction

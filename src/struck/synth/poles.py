@@ -141,7 +141,7 @@ def require_session(sample_rate: float, block: int, points: int) -> None:
     if not 1 <= block <= LONGEST_BLOCK:
         raise OptionError(f"block is {block}: it must lie from 1 to {LONGEST_BLOCK} samples")
     wanted = "each body needs at least one output"
-    require_number("points", points, 1, _MOST, whole=True, wanted=wanted)
+    require_number("points", points, 1, _MOST, whole=True, hint=wanted)
 
 
 _MOST = 65_536  # outputs of a body, and pushes in a block
@@ -245,5 +245,5 @@ def voices_for(bodies: int, voices: int | None) -> int:
     """Return how many pushes there may be in a block."""
     if voices is not None:
         wanted = "there must be room for at least one push"
-        require_number("voices", voices, 1, _MOST, whole=True, wanted=wanted)
+        require_number("voices", voices, 1, _MOST, whole=True, hint=wanted)
     return max(16, 4 * bodies) if voices is None else voices

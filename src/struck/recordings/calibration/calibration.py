@@ -474,7 +474,7 @@ def inferable(model: ModalModel, size_error: float = 0.0) -> Material:
         On a `size_error` below 0.
     """
     hint = "give a relative error of at least 0"
-    require_number("size_error", size_error, 0, 1, wanted=hint)
+    require_number("size_error", size_error, 0, 1, hint=hint)
     if model.material is None:
         raise MaterialError("the model's own material is unknown: analyze the shape with a guess")
     if model.tensioned:

@@ -71,7 +71,7 @@ def convex_parts(mesh: Mesh, stages: Stages) -> Sequence[Mesh]:
         return ConvexParts(parts=tuple(parts))
 
     inputs = {"mesh": mesh, "threshold": _CONCAVITY, "coacd": _version()}
-    return stages.kept(PARTS, compute, **inputs).parts
+    return stages.get_or_compute(PARTS, compute, **inputs).parts
 
 
 def cut(spec: mujoco.MjSpec, model: mujoco.MjModel, stages: Stages) -> list[str]:

@@ -164,7 +164,7 @@ def _both(names: tuple[str, str], patterns: tuple[str, str]) -> bool:
 
 def _checked(name: str, value: float) -> float:
     most, bound = (1.0, "0 to 1") if name == "restitution" else (10.0, "0 to 10")
-    require_number(name, value, 0.0, most, wanted=f"it must lie from {bound}")
+    require_number(name, value, 0.0, most, hint=f"it must lie from {bound}")
     return float(value)
 
 

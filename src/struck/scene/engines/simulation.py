@@ -45,8 +45,8 @@ _TOLD = 50  # steps between two words of progress
 def require_seconds(seconds: float, ring: float = 0.0) -> None:
     """Refuse lengths that no simulation has; before bodies are analyzed, which takes longer."""
     wanted = "it must lie above 0 and at most at 3600"
-    require_number("seconds", seconds, 0, _LONGEST, above=True, wanted=wanted)
-    require_number("ring", ring, 0, _LONGEST - seconds, wanted="give 0 s or more", unit=" s")
+    require_number("seconds", seconds, 0, _LONGEST, above=True, hint=wanted)
+    require_number("ring", ring, 0, _LONGEST - seconds, hint="give 0 s or more", unit=" s")
 
 
 @checked
@@ -249,7 +249,7 @@ def _require_choices(engine: str, convex: str, step: float | None) -> None:
     require_choice("engine", engine, ENGINES)
     require_choice("convex", convex, ("parts", "hull"))
     if step is not None:
-        require_number("step", step, 1e-6, 0.1, wanted="it must lie from 1e-6 to 0.1 s")
+        require_number("step", step, 1e-6, 0.1, hint="it must lie from 1e-6 to 0.1 s")
 
 
 def _named(spec: mujoco.MjSpec) -> mujoco.MjSpec:

@@ -105,9 +105,7 @@ class SoundOptions:
         for surface in (self.roughness or {}).values():
             finish(surface)
         for pattern, wall in (self.walls or {}).items():
-            require_number(
-                f"wall of {pattern!r}", wall, 0.0, above=True, wanted="it must exceed 0 m"
-            )
+            require_number(f"wall of {pattern!r}", wall, 0.0, above=True, hint="it must exceed 0 m")
 
 
 class SoundSources:
