@@ -142,7 +142,7 @@ class Cluster:
 
     def _gone(self, error: BaseException | None = None) -> NoReturn:
         raise SolverError(
-            "the scheduler is gone: start it and its workers, and run it again, which keeps what "
+            "the scheduler went away: start it and its workers, and run it again, which keeps what "
             "is finished"
         ) from error
 

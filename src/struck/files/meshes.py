@@ -622,5 +622,5 @@ def _require_upright(mesh: VolumeMesh) -> None:
     if inverted_count:
         raise MeshError(
             f"{inverted_count} of its {len(mesh.elements)} {mesh.kind} elements are inverted or "
-            "without volume at a corner: smooth the mesh, or order their nodes as the format does"
+            "without volume at a corner: smooth the mesh, or use the format's own order of nodes"
         )

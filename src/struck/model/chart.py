@@ -108,7 +108,7 @@ class Chart:
         if geometry is not None:
             if round_about is None:
                 raise OptionError(
-                    "geometry defines distances on round bodies only, recorded with "
+                    "geometry defines distances on a round body alone, recorded with "
                     "symmetry='axial': give pitch= in metres a unit of "
                     f"{' and of '.join(coordinates)}"
                 )
