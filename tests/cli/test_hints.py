@@ -11,11 +11,11 @@ import trimesh
 from scipy.io import wavfile
 
 import struck
-from struck.cli import _COMMANDS_MEANT, _OPTIONS_MEANT, COMMANDS, Parser, declare, main
+from struck.cli import _COMMAND_MEANINGS, _OPTION_MEANINGS, COMMANDS, Parser, declare, main
 from struck.cli.options import body_named
 from struck.errors import _SYNONYMS, COUNTED, OptionError, nearest
 from struck.files.messages import FORMATS, READERS
-from struck.files.recognition import _NAMES, kind_by_content, readable
+from struck.files.recognition import _NAMES, kind_by_content, list_readable
 from struck.shapes import Bar, CircularPlate, RoundSection
 from struck.solids import Tube
 from struck.solids.revolution import bell
@@ -147,7 +147,7 @@ def test_all_formats_that_are_read_are_listed(
 ) -> None:
     assert main(words.split()) == 2
     told = capsys.readouterr().err
-    assert readable() in told
+    assert list_readable() in told
     assert all(re.search(rf"\b{name}\b", told) for name in FORMATS)
     assert all(re.search(rf"\b{name[1:]}\b", told) for name in READERS)
 
@@ -156,7 +156,7 @@ def test_info_and_analyze_list_the_same_meshes(capsys: pytest.CaptureFixture[str
     Path("t.med").write_text("hello")
     for words in ("info t.med", "analyze t.med --material ice"):
         assert main(words.split()) == 2
-        assert readable(meshes=True) in capsys.readouterr().err
+        assert list_readable(meshes=True) in capsys.readouterr().err
 
 
 def test_what_is_read_is_called_unread_nowhere() -> None:
@@ -175,12 +175,12 @@ def options_of(command: str) -> set[str]:
 
 def test_each_hint_leads_to_what_exists() -> None:
     every = {name: options_of(name) for name in COMMANDS}
-    for needed, text in _OPTIONS_MEANT.values():
+    for needed, text in _OPTION_MEANINGS.values():
         assert any(needed in options for options in every.values())
         assert (named := re.findall(r"--([\w-]+)", text))
         for options in every.values():
             assert needed not in options or set(named) <= options
-    for meant in _COMMANDS_MEANT.values():
+    for meant in _COMMAND_MEANINGS.values():
         for command, option in re.findall(r"(?:^|, )([\w-]+)(?: --([\w-]+))?", meant):
             if not command.startswith("-"):
                 assert command in COMMANDS

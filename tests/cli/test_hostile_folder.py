@@ -20,7 +20,7 @@ import pytest
 import trimesh
 
 import struck
-from struck.cli import COMMANDS, Parser, _declared
+from struck.cli import COMMANDS, Parser, _declare_commands
 from struck.core.build import compiler
 from tests.explorer.served import Client, patience
 from tests.recordings.hits import LEAD_IN, SECONDS, hit, write
@@ -101,7 +101,7 @@ CASES: Mapping[str, Case] = {
 def commands() -> set[str]:
     """Return the commands that the parser of the shell knows."""
     parser = Parser(prog="struck")
-    _declared(parser, None)
+    _declare_commands(parser, None)
     (several,) = (each for each in parser._actions if isinstance(each, argparse._SubParsersAction))
     return set(several.choices)
 

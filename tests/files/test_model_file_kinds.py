@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from struck.cli import Parser, Result, declare
-from struck.cli.info import described
+from struck.cli.info import describe_model
 from struck.errors import ContactError, FileFormatError, LossWarning, OptionError
 from struck.files import model_file, sofa_fields
 from struck.files.sampled_field import SampledField, recorded_contacts, recorded_listeners
@@ -367,7 +367,7 @@ def test_what_does_not_fit_is_refused_and_nothing_is_written(saved: Path, tmp_pa
 def test_what_a_file_of_gains_holds_is_told(tmp_path: Path) -> None:
     """As `struck info` tells it."""
     model_file.save_model(field().model(), tmp_path / "vase.sofa")
-    told = described(model_file.load_model(tmp_path / "vase.sofa"), "")
+    told = describe_model(model_file.load_model(tmp_path / "vase.sofa"), "")
     assert told.lines[0].startswith("25 modes")
     assert told.facts["frequencies"] == field().frequencies.tolist()
     assert told.facts["decays"] == field().decays.tolist()

@@ -67,10 +67,10 @@ Fixed = ArrayLike | Callable[[Array], Mask]
 METHODS = ("formula", "fem", "obrien2002", "obrien2002-consistent")
 BAND = (20.0, 20_000.0)
 # Coarse meshes come out too stiff, so modes below the band's end may be computed above it.
-_WIDER = 1.15
+_BAND_FACTOR = 1.15
 _MODES_NEAR_END = 10  # modes from whose errors the limit of completeness is estimated
-_MORE = 1.5  # times the functions of coarse cubic elements that fine ones have at least
-_HELPS = 0.75  # times the errors before, or less: else more elements would not help
+_CUBIC_FACTOR = 1.5  # times the functions of coarse cubic elements that fine ones have at least
+_MAX_ERROR_RATIO = 0.75  # times the errors before, or less: else more elements would not help
 CERTAIN = 2.0  # divides a forecast of memory: less than that is certainly needed
 
 
@@ -156,7 +156,7 @@ def analyze(
     )
     work.require_scale(source, asked=band is not None)
     elements, modes = work.resolved(source)
-    provenance = _merged(elements.provenance, modes, body, method)
+    provenance = _merge_provenance(elements.provenance, modes, body, method)
     model = work.model(replace(modes, provenance=provenance), elements, radiation, lowest)
     return _recoiling(model) if recoil else model
 
@@ -264,7 +264,7 @@ class _Work:
         nodes = 0
         if coarse_elements and coarse_modes and source.error and self.method == "quadratic":
             function_count = coarse_elements.mesh.functions
-            min_factor = _MORE if coarse_elements.mesh.cubic else 0.0
+            min_factor = _CUBIC_FACTOR if coarse_elements.mesh.cubic else 0.0
             nodes = max(
                 nodes_needed(coarse_modes, function_count, source.error),
                 round(min_factor * function_count),
@@ -289,7 +289,7 @@ class _Work:
             coarse_elements, coarse_modes, old_error = elements, modes, most_errors(judged_modes)
             elements, modes = finer, self._modes(finer.mesh, MODES, self.highest)
             judged_modes = self._judged(elements, modes, coarse_elements, coarse_modes)
-            has_improved = most_errors(judged_modes) < _HELPS * old_error
+            has_improved = most_errors(judged_modes) < _MAX_ERROR_RATIO * old_error
         return elements, judged_modes
 
     def _finer(self, source: Discretisation, elements: Elements, modes: Modes) -> Elements | None:
@@ -350,7 +350,7 @@ class _Work:
             coarse = source.coarse(self.stages)
             if coarse is None:
                 return None, None
-            return coarse, self._modes(coarse.mesh, COARSE_MODES, _WIDER * self.highest)
+            return coarse, self._modes(coarse.mesh, COARSE_MODES, _BAND_FACTOR * self.highest)
         except StruckError:  # the finer elements raise what is wrong with the body itself
             return None, None
 
@@ -359,7 +359,7 @@ class _Work:
 
     def _modes(self, given: VolumeMesh, stage: Stage[Modes], highest: float) -> Modes:
         mesh = self._promoted(given)
-        held = _held(self.fixed, mesh)
+        held = _find_held(self.fixed, mesh)
         material = self.material
 
         def estimate(values: Array, vectors: Array) -> Array:
@@ -395,7 +395,7 @@ def _solver(method: str, backend: str) -> Solver:
     return Solver(lumped=method == "obrien2002", backend=backend)
 
 
-def _held(fixed: Fixed | None, mesh: VolumeMesh) -> Mask | None:
+def _find_held(fixed: Fixed | None, mesh: VolumeMesh) -> Mask | None:
     if fixed is None:
         return None
     if callable(fixed):
@@ -419,7 +419,7 @@ def _held(fixed: Fixed | None, mesh: VolumeMesh) -> Mask | None:
     return held
 
 
-def _merged(start: Provenance, modes: Modes, body: Source, method: str) -> Provenance:
+def _merge_provenance(start: Provenance, modes: Modes, body: Source, method: str) -> Provenance:
     """Join how the elements and the modes were made, with versions and the input's hash."""
     paper = ("obrien2002",) if method != "quadratic" else ()
     versions = {name: version(name) for name in ("struck", "numpy", "scipy", "rslab", "libigl")}
@@ -515,8 +515,8 @@ def model_of_modes(
         surface=surface,
         shapes=forms,
         mass=float(mass),
-        centre=_shaped("centre", centre, 3),
-        inertia=_shaped("inertia", inertia, 3, 3),
+        centre=_with_formula("centre", centre, 3),
+        inertia=_with_formula("inertia", inertia, 3, 3),
         complete_to=complete_to,
         poisson_slopes=unknown,
         errors=unknown,
@@ -526,7 +526,7 @@ def model_of_modes(
     return ModalModel.of(modes, material, radiation=radiation, lowest=0.0, places=places)
 
 
-def _shaped(name: str, values: ArrayLike, *shape: int) -> Array:
+def _with_formula(name: str, values: ArrayLike, *shape: int) -> Array:
     array = numbers(name, values)
     require_numbers(name, array, shape)
     return array

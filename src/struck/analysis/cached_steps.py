@@ -25,7 +25,7 @@ T = TypeVar("T")
 
 _LIBRARIES = ("struck", "numpy", "scipy", "rslab", "libigl")
 # Formats whose files are complete; other formats may refer to further files.
-_WHOLE = {".obj", ".stl", ".ply", ".off", ".glb"}
+_SURFACE_ENDINGS = {".obj", ".stl", ".ply", ".off", ".glb"}
 # Larger files are read once only, by a reader that knows how much of them to take.
 _LARGEST_FILE = 2**30
 
@@ -168,7 +168,7 @@ def _parts(value: object) -> Iterable[object]:
 
 def _file_digest(path: Path) -> bytes:
     try:
-        if path.suffix.lower() not in _WHOLE or not path.is_file():
+        if path.suffix.lower() not in _SURFACE_ENDINGS or not path.is_file():
             raise _UnknownContentError(f"{path} may depend on more than its content")
         if path.stat().st_size > _LARGEST_FILE:
             raise _UnknownContentError(f"{path} is too large to be read twice")

@@ -138,10 +138,10 @@ class StructuredSolid:
     @property
     def error(self) -> float | None:
         """Error of frequencies to aim at; None where the elements were given by their counts."""
-        return None if self._given else accuracy_named(self.accuracy).error
+        return None if self._has_elements else accuracy_named(self.accuracy).error
 
     @property
-    def _given(self) -> bool:
+    def _has_elements(self) -> bool:
         return getattr(self.solid, "elements", None) is not None
 
     @property
@@ -153,7 +153,7 @@ class StructuredSolid:
     def nodes(self) -> Sequence[float]:
         """Numbers of nodes of the coarse mesh and of the first mesh."""
         count = self._count(self.accuracy, 1.0)
-        return [count] if self._given else [self._count(*self._coarser), count]
+        return [count] if self._has_elements else [self._count(*self._coarser), count]
 
     @property
     def _coarser(self) -> tuple[str, float]:
@@ -163,7 +163,7 @@ class StructuredSolid:
 
     def coarse(self, stages: Stages, /) -> Elements | None:
         """Return about a third of the nodes, unless the elements were given by their counts."""
-        return None if self._given else self._at(*self._coarser, stages)
+        return None if self._has_elements else self._at(*self._coarser, stages)
 
     def fine(self, stages: Stages, nodes: int, /) -> Elements:
         """Return the elements of its accuracy, or up to `_FIRST` times as many nodes."""

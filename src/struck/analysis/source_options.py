@@ -44,7 +44,7 @@ def refusals(body: Source, *, formula: bool = True) -> dict[str, str]:
     if is_shape(body):
         messages = {name: _NO_FILE.format(name, kind) for name in _FILE}
         if formula:
-            return messages | {name: _no_formula(body, kind, name) for name in _OF_FORMULA}
+            return messages | {name: _formula_message(body, kind, name) for name in _OF_FORMULA}
         return refusals(body.solid()) | messages
     if isinstance(body, Mesh):
         return {
@@ -58,12 +58,12 @@ def refusals(body: Source, *, formula: bool = True) -> dict[str, str]:
             for name in _FILE
             if name != "units"
         }
-        return messages | _without_surface("a volume mesh") | _given_elements("a volume mesh")
+        return messages | _surface_messages("a volume mesh") | _accuracy_messages("a volume mesh")
     if isinstance(body, VolumeMesh | Solid):
         messages = {name: _NO_FILE.format(name, "this body") for name in _FILE}
-        messages |= _without_surface(kind)
+        messages |= _surface_messages(kind)
         has_elements = getattr(body, "elements", None) is not None
-        return messages | (_given_elements(kind_of(body)) if has_elements else {})
+        return messages | (_accuracy_messages(kind_of(body)) if has_elements else {})
     return {}  # files and surfaces take all, and what is no body is refused where it is read
 
 
@@ -87,19 +87,19 @@ def applicable(body: Source, **options: Any) -> dict[str, Any]:  # noqa: ANN401 
     return {name: value for name, value in options.items() if name not in messages}
 
 
-def _no_formula(shape: Shape, kind: str, name: str) -> str:
+def _formula_message(shape: Shape, kind: str, name: str) -> str:
     """Return the message about an option that a formula does not take."""
     value = "" if name == "fixed" else "{value!r}"
     text = f"{name}={value} does not apply to {kind}, which is computed by a formula: leave it out"
     try:
-        held = shape.solid().fixed is not None
+        is_held = shape.solid().fixed is not None
     except OptionError:  # finite elements cannot compute it
         return text
-    by_elements = name in {"accuracy", "backend"} or (name == "fixed" and not held)
+    by_elements = name in {"accuracy", "backend"} or (name == "fixed" and not is_held)
     return f"{text}, or take method='fem'" if by_elements else text
 
 
-def _without_surface(kind: str) -> dict[str, str]:
+def _surface_messages(kind: str) -> dict[str, str]:
     """Return the messages about options that only surfaces take."""
     return {
         name: f"{name}= applies to surfaces, and {kind} has its own dimensions: leave it out, or "
@@ -108,7 +108,7 @@ def _without_surface(kind: str) -> dict[str, str]:
     }
 
 
-def _given_elements(kind: str) -> dict[str, str]:
+def _accuracy_messages(kind: str) -> dict[str, str]:
     """Return the message about the accuracy of a body whose elements are given."""
     return {
         "accuracy": f"accuracy={{value!r}} chooses elements, and {kind} brings its own: "

@@ -244,7 +244,7 @@ def tune(
     """
     _require_one(lowest, frequency)
     maker = _maker(body)
-    body = _made(maker)
+    body = _make(maker)
     if not (isinstance(body, Solid) or is_shape(body)):
         name = getattr(body, "__name__", type(body).__name__)
         raise OptionError(f"{name} has no dimensions to vary: {_ADVICE}")
@@ -264,7 +264,7 @@ def tune(
 
     def measured(value: float) -> Point:
         try:
-            varied_body = _made(_with(maker, vary, value))
+            varied_body = _make(_with(maker, vary, value))
         except (OptionError, MeshError):  # beyond what the body allows
             return value, np.nan
         natural = chosen.natural(varied_body, material, accuracy or "standard", target)
@@ -281,7 +281,7 @@ def tune(
             f"{best_point[1]:.7g} Hz with {vary} = {best_point[0]:.7g}; check the lengths "
             "(m), or vary another dimension or mode"
         )
-    tuned_body = _made(_with(maker, vary, best_point[0]))
+    tuned_body = _make(_with(maker, vary, best_point[0]))
     tuning = Tuning(
         body=tuned_body, vary=vary, mode=f"{chosen}", before=points[0], after=best_point
     )
@@ -355,7 +355,7 @@ def _maker(body: Any) -> Any:  # noqa: ANN401 - a body, or what makes one
     return partial(body)
 
 
-def _made(body: Any) -> Any:  # noqa: ANN401 - a body, or what makes one
+def _make(body: Any) -> Any:  # noqa: ANN401 - a body, or what makes one
     return body() if isinstance(body, partial) else body
 
 

@@ -165,7 +165,7 @@ def analyze_many(
     folder = Path(out)
     _require_apart(jobs, table, [folder / name for name in (*PAGES, labels)], folder)
     progress = progress or silent
-    batch = _Batch(folder, run=_made(folder, jobs), resume=resume, progress=progress)
+    batch = _Batch(folder, run=_make_run(folder, jobs), resume=resume, progress=progress)
     for number, job in enumerate(jobs):
         progress("looking through files", number / len(jobs))
         batch.add(job)
@@ -191,7 +191,7 @@ def _require_apart(jobs: Iterable[BodyJob], table: Table, pages: list[Path], fol
             raise OptionError(f"{path} is read as well: give another folder for out=")
 
 
-def _made(folder: Path, jobs: Iterable[BodyJob]) -> str:
+def _make_run(folder: Path, jobs: Iterable[BodyJob]) -> str:
     """Make the output folder without files of killed runs, and return the name of this run."""
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -43,7 +43,7 @@ class Cluster:
     def __init__(self, folder: Path, scheduler: str | Client, run: str) -> None:
         self._folder, self._run = folder.absolute(), run
         self._owns_client = isinstance(scheduler, str)
-        self._client: Any = _connected(scheduler) if isinstance(scheduler, str) else scheduler
+        self._client: Any = _connect(scheduler) if isinstance(scheduler, str) else scheduler
         self._events: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._running: dict[Any, tuple[BodyJob, str]] = {}  # by futures, each with its worker
         self._threads: dict[str, int] = {}  # by addresses of workers
@@ -177,7 +177,7 @@ def _is_of(run: str, folder: Path) -> bool:
         return False
 
 
-def _connected(address: str) -> Client:
+def _connect(address: str) -> Client:
     try:
         import distributed
     except ImportError as error:

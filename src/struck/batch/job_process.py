@@ -45,7 +45,7 @@ from struck.solids.resolution import coarser
 
 Facts = dict[str, Any]  # results of a job, as JSON values
 GIB = 2**30
-ALLOWED = b"+"
+PERMISSION = b"+"
 _KEPT_ERRORS = (MeshError, MaterialError, OptionError, ContactError)  # which come again
 _REPORTED_WARNINGS = (CacheWarning, LossWarning, RepairWarning, ScaleWarning)
 _FIRST_TO_GO = b"500"  # of 1,000: where memory is short the system ends a job, not its user's work
@@ -117,7 +117,7 @@ def _answer(asked: bytes, answers: IO[str]) -> None:
 
 def _listen(allowed: threading.Event) -> None:
     """Wait for the parent's leave to compute; once the parent is gone, end the whole group."""
-    while os.read(0, 1) == ALLOWED:
+    while os.read(0, 1) == PERMISSION:
         allowed.set()
     if hasattr(os, "killpg"):
         os.killpg(0, signal.SIGKILL)
@@ -154,7 +154,7 @@ def done(job: BodyJob, folder: Path, progress: Callable[[str, float], None]) -> 
             model = within_budget(options.pop("modes", None), analyze, **inputs, **options)
         if content_of(job.file) != job.content:
             raise OSError(f"{job.file} changed while it was read: run it again")  # noqa: TRY301
-        return _written(job, folder, facts | _described(model), model)
+        return _write(job, folder, facts | _describe(model), model)
     except Exception as error:  # noqa: BLE001 - an error of one file does not stop the others
         short = "memory is short: give it more, or run fewer jobs at once (processes=)"
         message = short if isinstance(error, MemoryError) else str(error)
@@ -188,7 +188,7 @@ def _noting_warnings(facts: Facts) -> Iterator[None]:
             ]
 
 
-def _described(model: ModalModel) -> Facts:
+def _describe(model: ModalModel) -> Facts:
     errors = np.empty(0) if model.errors is None else model.errors[np.isfinite(model.errors)]
     return {
         "modes": len(model.frequencies),
@@ -198,7 +198,7 @@ def _described(model: ModalModel) -> Facts:
     }
 
 
-def _written(job: BodyJob, folder: Path, facts: Facts, model: ModalModel) -> Facts:
+def _write(job: BodyJob, folder: Path, facts: Facts, model: ModalModel) -> Facts:
     """Write sounds, then facts, and the model last: with it the job is finished."""
     # Strikes that cannot be made leave what an earlier run has made.
     chosen = [] if job.strikes is None else job.strikes.labels(model, job.output)

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from struck.batch.job import BodyJob
-from struck.batch.job_process import ALLOWED, Facts
+from struck.batch.job_process import PERMISSION, Facts
 from struck.errors import SolverError
 from struck.processes.child_process import python_command, python_environment
 
@@ -129,7 +129,7 @@ class Processes:
         else:
             worker.close()
         self._allow()
-        return running.job, running.facts or _ended(code)
+        return running.job, running.facts or _describe_end(code)
 
     def close(self) -> None:
         """End all worker processes, at once."""
@@ -143,10 +143,10 @@ class Processes:
             fits = self._memory is None or memory + item.forecast <= self._memory
             if item.waits and (fits or not memory):
                 item.waits = False
-                worker.tell(ALLOWED)
+                worker.tell(PERMISSION)
 
 
-def _ended(code: int) -> Facts:
+def _describe_end(code: int) -> Facts:
     """Return the facts of a job whose process ended unexpectedly."""
     reason = f"signal {-code}" if code < 0 else f"code {code}"
     return failure(

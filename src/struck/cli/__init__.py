@@ -68,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return UNWRITTEN
         raise
     except OptionError as error:
-        return _refused(error, words)
+        return _refuse(error, words)
     if isinstance(options, str):
         return _print(options)
     progress = TerminalProgress(quiet=options.quiet)
@@ -78,7 +78,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except StruckError as error:
         progress.close()  # before the message
         message = str(error) if _raised_by_shell(error) else options.in_shell_words(str(error))
-        return _refused(type(error)(message), words)
+        return _refuse(type(error)(message), words)
     finally:
         progress.close()
     plain = options.in_shell_words("\n".join(map(printable, result.lines)))
@@ -107,7 +107,7 @@ def _print(text: str) -> int:
     return 0
 
 
-def _refused(error: StruckError, words: Sequence[str]) -> int:
+def _refuse(error: StruckError, words: Sequence[str]) -> int:
     """Print an error in one line on standard error and, with --json, as JSON on standard output."""
     complain(str(error))
     if "--json" in words:
@@ -134,14 +134,15 @@ class Once(argparse.Action):
         option_string: str | None = None,
     ) -> None:
         """Keep the value; ArgumentError if there is one."""
-        given = namespace.given
+        earlier_values = namespace.given
         values = values if self.nargs != 0 else not str(option_string).startswith("--no-")
-        if option_string is not None and self.dest in given:
-            both = f"it is {given[self.dest]!r}, and {values!r} too" if self.nargs != 0 else "both"
-            raise argparse.ArgumentError(self, f"{both}: give it once")
+        if option_string is not None and self.dest in earlier_values:
+            conflict = f"it is {earlier_values[self.dest]!r}, and {values!r} too"
+            conflict_text = conflict if self.nargs != 0 else "both"
+            raise argparse.ArgumentError(self, f"{conflict_text}: give it once")
         if "" in (values if isinstance(values, list) else [values]):
             raise argparse.ArgumentError(self, "it is empty: give a value, or leave it out")
-        given[self.dest] = values
+        earlier_values[self.dest] = values
         setattr(namespace, self.dest, values)
 
 
@@ -152,8 +153,8 @@ class OnOff(Once, argparse.BooleanOptionalAction):
 class Parser(argparse.ArgumentParser):
     """Argument parser that raises errors, and takes vectors that begin below 0."""
 
-    def __init__(self, *given: Any, **named: Any) -> None:  # noqa: ANN401 - as its base
-        super().__init__(*given, **named)
+    def __init__(self, *arguments: Any, **keywords: Any) -> None:  # noqa: ANN401 - as its base
+        super().__init__(*arguments, **keywords)
         self.set_defaults(parser=self, given={})  # for `refuse`
         vars(self)["_negative_number_matcher"] = re.compile(r"-\.?\d")  # as of Python 3.14
         self.register("action", None, Once)
@@ -184,7 +185,7 @@ def _parsed(words: Sequence[str]) -> argparse.Namespace | str:
     )
     parser.add_argument("--version", action="store_true", help="print the version and exit")
     if chosen and chosen not in COMMANDS:
-        meaning = _COMMANDS_MEANT.get(chosen.lower())
+        meaning = _COMMAND_MEANINGS.get(chosen.lower())
         suggestion = f"did you mean {meaning}? " if meaning else nearest(chosen, COMMANDS)
         raise OptionError(
             f"struck has no command {chosen!r}: {suggestion}there are {', '.join(COMMANDS)}"
@@ -192,19 +193,21 @@ def _parsed(words: Sequence[str]) -> argparse.Namespace | str:
     if words and chosen is None and not {"-h", "--help"} & {*words}:
         suggestion = nearest(words[0].lstrip("-"), ("help", "version"), "--{}")
         parser.error(f"struck has no option {words[0]!r}: {suggestion}give a command")
-    one = _declared(parser, chosen)
+    one = _declare_commands(parser, chosen)
     if not words:
         return parser.format_help()
     options, unknown = parser.parse_known_args(words)
     if unknown and one:
         name = unknown[0].partition("=")[0]
-        suggestion = _meant(one, str(chosen), name.lstrip("-").lower()) if name[:1] == "-" else ""
+        suggestion = ""
+        if name[:1] == "-":
+            suggestion = _suggest_option(one, str(chosen), name.lstrip("-").lower())
         one.error(f"{one.prog} does not take {unknown[0]!r}: {suggestion}leave it out")
     return options
 
 
 # Commands and options that people type, and what they mean by them, where `nearest` knows no name.
-_COMMANDS_MEANT: Mapping[str, str] = {
+_COMMAND_MEANINGS: Mapping[str, str] = {
     **dict.fromkeys(("list", "ls"), "materials (of materials), analyze --list (of bodies)"),
     **dict.fromkeys(("strike", "hit", "sound", "scrape", "roll", "pluck", "wav"), "render"),
     **dict.fromkeys(("convert", "save", "write", "sofa"), "export"),
@@ -225,7 +228,7 @@ _COMMANDS_MEANT: Mapping[str, str] = {
     **dict.fromkeys(("help",), "--help"),
     **dict.fromkeys(("version",), "--version"),
 }
-_OPTIONS_MEANT: Mapping[str, tuple[str, str]] = {
+_OPTION_MEANINGS: Mapping[str, tuple[str, str]] = {
     # by option: one that the command must have, and what is meant
     **{name: ("accuracy", f"--accuracy {name}") for name in ("preview", "standard", "fine")},
     **dict.fromkeys(("fast", "draft", "quick", "rough"), ("accuracy", "--accuracy preview")),
@@ -239,14 +242,14 @@ _OPTIONS_MEANT: Mapping[str, tuple[str, str]] = {
 }
 
 
-def _meant(parser: argparse.ArgumentParser, command: str, name: str) -> str:
+def _suggest_option(parser: argparse.ArgumentParser, command: str, name: str) -> str:
     """Return the option that an unknown one means: by its meaning, then by its spelling.
 
     Between the two come other commands that have an option of that very name.
     """
     known = [item.lstrip("-") for item in parser._option_string_actions]  # noqa: SLF001 - argparse has no public list
-    needed, meaning = _OPTIONS_MEANT.get(name, ("", ""))
-    if needed in known:
+    required_name, meaning = _OPTION_MEANINGS.get(name, ("", ""))
+    if required_name in known:
         return f"did you mean {meaning}? "
     suggestion = nearest(name, known, "--{}", spelling=False)
     if suggestion:
@@ -259,7 +262,7 @@ def _meant(parser: argparse.ArgumentParser, command: str, name: str) -> str:
     return nearest(name, known, "--{}")
 
 
-def _declared(parser: Parser, chosen: str | None) -> Parser | None:
+def _declare_commands(parser: Parser, chosen: str | None) -> Parser | None:
     """Declare all commands, and return the parser of the chosen one, which alone is imported."""
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     chosen_parser = None
@@ -299,9 +302,9 @@ _OPTION_SYNONYMS |= {"at": "strike", "out": "output", "path": "output", "thresho
 # The pattern of an argument, with or without a value. It passes over quoted text and over calls, as
 # in what a body is printed as.
 _CALL = r"\w+\((?:[^()]|\([^()]*\))*\)"
-_QUOTED = r"(?<=[ (])'[^']*'"
+_QUOTED_TEXT = r"(?<=[ (])'[^']*'"
 _ARGUMENT = re.compile(
-    rf"""{_QUOTED}|\b{_CALL}|(?<![\w.,:{{/\\])(?<!--material )([a-z_]{{2,}})=(?!\w+\.[a-z])"""
+    rf"""{_QUOTED_TEXT}|\b{_CALL}|(?<![\w.,:{{/\\])(?<!--material )([a-z_]{{2,}})=(?!\w+\.[a-z])"""
     rf"""(?:'([^']*)'|"([^"]*)"|\(([-\d., ]+)\)|({_CALL}|[\w.]*\w))?"""
 )
 _NUMBER = r"-?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?"

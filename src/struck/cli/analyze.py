@@ -8,7 +8,7 @@ from typing import Any
 
 import struck
 from struck.cli import Result
-from struck.cli.info import described
+from struck.cli.info import describe_model
 from struck.cli.options import (
     BAND,
     BODY,
@@ -134,10 +134,10 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         )
     body, name = body_named(options.body), Path(options.body.partition(":")[0]).stem
     output = model_path(options.output or f"{name}.struck", unlike=[options.body])
-    material, more = material_of(options.material), how(options)
+    material, more = material_of(options.material), analysis_options(options)
     model = struck.analyze(body, material, modes=options.modes, progress=progress, **more)
     struck.save(model, output)
-    return described(model, [f"wrote {output}"], output=str(output))
+    return describe_model(model, [f"wrote {output}"], output=str(output))
 
 
 def _listed() -> Result:
@@ -158,7 +158,7 @@ def _listed() -> Result:
     )
 
 
-def how(options: argparse.Namespace) -> dict[str, Any]:
+def analysis_options(options: argparse.Namespace) -> dict[str, Any]:
     """Return the options of `add_how` as arguments of `struck.analyze`, without the material."""
     option_names = (
         "units",

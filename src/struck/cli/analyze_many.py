@@ -7,7 +7,7 @@ from pathlib import Path
 
 from struck import analyze_many
 from struck.cli import SOME_FAILED, Result
-from struck.cli.analyze import add_how, how
+from struck.cli.analyze import add_how, analysis_options
 from struck.cli.options import add_budget, add_fade, material_of
 from struck.errors import OptionError, counted
 from struck.files.atomic import is_file
@@ -87,7 +87,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
             resume=not options.anew,
             progress=progress,
             **{name: getattr(options, name) for name in option_names},
-            **how(options),
+            **analysis_options(options),
         )
     failure_lines = [f"failed: {row.file} {row.part}: {row.message}" for row in report.failed[:20]]
     if len(report.failed) > len(failure_lines):

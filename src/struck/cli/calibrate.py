@@ -49,7 +49,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     material = inferable(model, options.size_error)
     density = material.density if options.density is None else options.density
     replace(material, density=density)  # refuses what no solid has
-    fitted = _fitted(options.recordings, progress)
+    fitted = _fit_recordings(options.recordings, progress)
     calibration = replace(calibrated(fitted, model, size_error=options.size_error), density=density)
     lines = [*calibration.summary(), f"--material {_as_argument(calibration)}"]
     if not 0.1 < (times := density / material.density) < 10:
@@ -77,7 +77,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     )
 
 
-def _fitted(recordings: list[str], progress: TerminalProgress) -> struck.ModalModel:
+def _fit_recordings(recordings: list[str], progress: TerminalProgress) -> struck.ModalModel:
     if len(recordings) == 1 and is_model(recordings[0]):
         return struck.load(recordings[0])
     return struck.fit(recordings, modes=None, progress=progress)

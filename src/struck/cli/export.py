@@ -7,7 +7,7 @@ from pathlib import Path
 
 import struck
 from struck.cli import Result
-from struck.cli.options import place, refuse, same
+from struck.cli.options import place, refuse, select_options
 from struck.errors import OptionError, counted, rounded
 from struck.files.atomic import writable
 from struck.files.model_file import SHAPES
@@ -91,7 +91,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         listeners=listeners,
         convention=convention,
         sample_rate=rate,
-        **same(options, "contacts seconds title author licence"),
+        **select_options(options, "contacts seconds title author licence"),
     )
     lost_note = [f"{counted(lost_count, 'mode')} at or above {rounded(rate / 2)} Hz left out"] * (
         lost_count > 0

@@ -10,7 +10,7 @@ import numpy as np
 
 import struck
 from struck.cli import OnOff, Result
-from struck.cli.info import described, or_null
+from struck.cli.info import describe_model, or_null
 from struck.cli.options import PITCH, POSITION, add_cache, budget, length, numbers
 from struck.errors import OptionError, rounded
 from struck.excitation.strike import Strike
@@ -156,7 +156,7 @@ def _result(fitting: Fitting, written: list[str], *, output: str, report: str | 
         f"{rounded(100 * fraction, 3)} % of its take's energy"
     )
     caution = [] if verdict.modal else [f"caution: {verdict.reason}"]
-    return described(
+    return describe_model(
         fitting.model,
         [ratio, *caution, *written],
         decay_errors=or_null(fitted.decay_errors),

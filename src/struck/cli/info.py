@@ -14,7 +14,7 @@ import struck
 from struck.cli import Result
 from struck.cli.options import budget, refuse
 from struck.errors import counted, rounded
-from struck.files.recognition import recognised
+from struck.files.recognition import recognise
 from struck.model.html import HEADINGS, aligned, modes_rows
 from struck.model.model import LOUDEST
 from struck.model.provenance import TerminalProgress
@@ -22,7 +22,7 @@ from struck.model.provenance import TerminalProgress
 if TYPE_CHECKING:
     from struck.files import MeshPart
 
-LISTED = 6  # modes, by default
+LISTED_MODES = 6  # modes, by default
 PARTS = 20  # of a mesh file
 EXAMPLES = ("bell.struck", "bell.struck --all", "kitchen.glb", "plates.stl --units mm")
 
@@ -33,8 +33,8 @@ def declare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--modes",
         type=budget,
-        default=LISTED,
-        help=f"number of modes to list, or all; default: {LISTED}, with --json all",
+        default=LISTED_MODES,
+        help=f"number of modes to list, or all; default: {LISTED_MODES}, with --json all",
     )
     parser.add_argument(
         "--all",
@@ -48,7 +48,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
     """Run `struck info`."""
-    kind = recognised(options.file)
+    kind = recognise(options.file)
     group = "" if kind is None else kind.group
     mesh = group in {"surface", "volume"}
     others, file_kind = (("modes", "all"), "model") if mesh else (("units",), "mesh file")
@@ -63,7 +63,7 @@ def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
     facts = {"levels": [asdict(place) for place in places]}
     mode_count = len(model.decays) if options.modes is None else options.modes  # None for all
     listed_count = mode_count if "modes" in options.given else None
-    return described(
+    return describe_model(
         model, [], listed=listed_count, whole=options.all, places=aligned(rows), **facts
     )
 
@@ -107,11 +107,11 @@ def _parts(file: str, units: str | None) -> Result:
         taken = "taken" if has_several and part.taken else ""
         rows.append((part.name, str(part.faces), size, volume, taken))
     more = [f"... and {len(parts) - PARTS} more"] if len(parts) > PARTS else []
-    notes = [*([_taken(parts)] if has_several else []), *_unit(units)]
+    notes = [*([_taken_note(parts)] if has_several else []), *_unit(units)]
     return Result([*aligned(rows), *more, *notes], parts=[asdict(part) for part in parts])
 
 
-def _taken(parts: Sequence[MeshPart]) -> str:
+def _taken_note(parts: Sequence[MeshPart]) -> str:
     """Return which of several parts `struck analyze` takes, as a sentence."""
     taken = [part.name for part in parts if part.taken]
     if parts[0].taken is None:
@@ -158,7 +158,7 @@ def _unit(units: str | None) -> list[str]:
     return [] if units else ["Numbers of the file are taken as metres: --units says otherwise."]
 
 
-def described(
+def describe_model(
     model: struck.ModalModel,
     last: Sequence[str],
     *,
@@ -178,7 +178,7 @@ def described(
     table_modes = (
         object_modes
         if whole and listed is None
-        else object_modes[: LISTED if listed is None else listed]
+        else object_modes[: LISTED_MODES if listed is None else listed]
     )
     mode_errors = np.full(len(model.decays), np.nan) if model.errors is None else model.errors
     rows = modes_rows(

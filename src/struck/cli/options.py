@@ -103,7 +103,7 @@ PITCH = numbers(1, 2, form="one length or two, as 0.3 or 30cm,1m", convert=metre
 BAND = numbers(2, form="low,high in Hz or as notes", convert=pitch)
 
 
-def same(options: argparse.Namespace, names: str) -> dict[str, Any]:
+def select_options(options: argparse.Namespace, names: str) -> dict[str, Any]:
     """Return options, by their names with spaces between, as arguments of the same names."""
     return {name: getattr(options, name) for name in names.split()}
 
@@ -222,14 +222,15 @@ def maker_named(text: str) -> str | partial[Body]:
     return partial(maker, **values)
 
 
-def _with_radius(given: dict[str, Any], text: str) -> tuple[dict[str, Any], str]:
+def _with_radius(values: dict[str, Any], text: str) -> tuple[dict[str, Any], str]:
     """Return arguments with half the diameter as radius, and the text with it."""
-    if "radius" in given:
+    if "radius" in values:
         raise OptionError(
-            f"radius is {given['radius']} and diameter is {given['diameter']}: give one of the two"
+            f"radius is {values['radius']} and diameter is {values['diameter']}: give one of "
+            "the two"
         )
-    half = given["diameter"] / 2 if isinstance(given["diameter"], float) else given["diameter"]
-    others = {name: value for name, value in given.items() if name != "diameter"}
+    half = values["diameter"] / 2 if isinstance(values["diameter"], float) else values["diameter"]
+    others = {name: value for name, value in values.items() if name != "diameter"}
     return {**others, "radius": half}, re.sub(r"(^|,)\s*diameter\b", r"\1radius", text)
 
 
@@ -366,7 +367,7 @@ def add_cache(parser: argparse.ArgumentParser) -> None:
 def refuse(options: argparse.Namespace, names: Collection[str], why: str) -> None:
     """Raise OptionError for the first of these options that was given, with the reason `why`."""
     for action in options.parser._actions:  # noqa: SLF001 - argparse has no public list
-        if action.dest in names and (option := _as_given(options, action)):
+        if action.dest in names and (option := _option_text(options, action)):
             raise OptionError(f"{option} {why}{', or' if ':' in why else ':'} leave it out")
 
 
@@ -377,7 +378,7 @@ def require_alone(options: argparse.Namespace, name: str) -> None:
     refuse(options, others, f"does not go with {listing}")
 
 
-def _as_given(options: argparse.Namespace, action: argparse.Action) -> str:
+def _option_text(options: argparse.Namespace, action: argparse.Action) -> str:
     """Return an option as it was given, or "" where it was not."""
     value = getattr(options, action.dest, action.default)
     if value in (None, []) or (action.dest not in options.given and value == action.default):

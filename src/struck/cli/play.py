@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING
 
 import struck
 from struck.cli import Result
-from struck.cli.options import add_budget, add_listener, listener, refuse, require_alone, same
+from struck.cli.options import (
+    add_budget,
+    add_listener,
+    listener,
+    refuse,
+    require_alone,
+    select_options,
+)
 from struck.errors import DeviceError, OptionError, printable
 from struck.model.provenance import TerminalProgress
 from struck.processes.termination import orderly_end
@@ -21,9 +28,9 @@ if TYPE_CHECKING:
     from struck.live.player import Player
 
 _SOAK_MODES, _SOAK_STRIKES, _SOAK_SCRAPES = 2000, 200.0, 2
-_LOOK = 0.004  # s between two looks at the keyboard
+_POLL_INTERVAL = 0.004  # s between two looks at the keyboard
 _RING = 2.0  # s that the last strike sounds after the end of piped keys
-_SHOWN = 0.2  # s between two updates of the line
+_UPDATE_INTERVAL = 0.2  # s between two updates of the line
 
 
 EXAMPLES = ("--list-devices",)
@@ -112,11 +119,11 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         listener=listener(options),
         device=device(options.device),
         sample_rate=options.rate,
-        **same(options, "block ahead voices volume"),
+        **select_options(options, "block ahead voices volume"),
     )
     progress.close()
     with orderly_end(), player:
-        strikes, seconds = _played(player, models, options)
+        strikes, seconds = _play(player, models, options)
         modes = sum(len(model.frequencies) for model in models)
         return played_result(player, notes, modes=modes, strikes=strikes, seconds=seconds)
 
@@ -133,7 +140,7 @@ def _require_counts(options: argparse.Namespace) -> None:
             raise OptionError(f"{name} is {value}: it must be finite and at least 0")
 
 
-def _played(
+def _play(
     player: Player, models: list[struck.ModalModel], options: argparse.Namespace
 ) -> tuple[int, float]:
     """Play until the person or the clock ends it; return the number of strikes and the time, s."""
@@ -157,7 +164,7 @@ def _loop(player: Player, keys: Keys, places: dict, robot: Robot, end: float) ->
 
     typed, shown, last = 0, 0.0, None
     while time.monotonic() < end:
-        key = keys.pressed(_LOOK).lower()
+        key = keys.pressed(_POLL_INTERVAL).lower()
         if key == QUIT:
             break
         if keys.ended and not robot.plays and last is None:
@@ -169,7 +176,7 @@ def _loop(player: Player, keys: Keys, places: dict, robot: Robot, end: float) ->
         robot.go_on()
         if not player.active:
             player.strike()  # tells what is wrong
-        if time.monotonic() - shown > _SHOWN:
+        if time.monotonic() - shown > _UPDATE_INTERVAL:
             shown = time.monotonic()
             _show(_line(player))
     return typed

@@ -7,7 +7,7 @@ import warnings
 
 import struck
 from struck.cli import Result
-from struck.cli.options import BAND, add_cache, same
+from struck.cli.options import BAND, add_cache, select_options
 from struck.errors import OptionError, ScaleWarning, counted
 from struck.files.model_file import model_path
 from struck.model.provenance import TerminalProgress
@@ -40,7 +40,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     from struck.analysis.analysis import radiating
 
     output = model_path(options.output)
-    arguments = same(options, "near cache")
+    arguments = select_options(options, "near cache")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ScaleWarning)  # reported below
         model = radiating(struck.load(options.model), options.band, progress=progress, **arguments)

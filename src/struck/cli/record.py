@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from struck.recordings.capture import Outcome, Recorder
     from struck.recordings.capture_plan import CapturePlan
 
-_NAMED = 4  # files that a message names
+_MAX_LISTED_FILES = 4  # files that a message names
 
 
 EXAMPLES = ("plan.toml -o takes",)
@@ -90,10 +90,10 @@ def _require_rehearsal(plan: CapturePlan, folder: Path) -> None:
     names = [point.file(hit) for point in plan.every() for hit in range(1, point.hits + 1)]
     if any(is_file(folder / name) for name in names):
         return
-    remark = f" ... ({len(names)} in all)" if len(names) > _NAMED else ""
+    remark = f" ... ({len(names)} in all)" if len(names) > _MAX_LISTED_FILES else ""
     raise RecordingError(
         f"{folder} has no recording that this plan could be rehearsed with: give a folder of WAV "
-        f"files called {', '.join(names[:_NAMED])}{remark}"
+        f"files called {', '.join(names[:_MAX_LISTED_FILES])}{remark}"
     )
 
 

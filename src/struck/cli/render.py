@@ -26,7 +26,7 @@ from struck.cli.options import (
     place,
     refuse,
     room,
-    same,
+    select_options,
 )
 from struck.errors import OptionError, counted, rounded
 from struck.excitation.excitation import Hold
@@ -125,7 +125,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck render`."""
     require_model(options.model)
     if options.strikes:
-        return _set(options, progress)
+        return _render_set(options, progress)
     refuse(options, ["sounds"], "is for --strikes, which is not given: give it")
     requested_kinds = {kind for kind in _KINDS if getattr(options, kind)} or {"strike"}
     for name, others in _OF.items():
@@ -139,7 +139,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     actions, sound_options = touches(options), _sound_options(options)
     model, notes_of_model = _model(options)
     progress("computing the sound", 0.0)
-    sound = struck.render(*_placed(model, actions, options), **sound_options)
+    sound = struck.render(*_place_in_room(model, actions, options), **sound_options)
     factor = sound.save(output, level=options.level or "peak", encoding=options.encoding)
     last = f"wrote {output} ({sound.duration:.2f} s{saved(sound, factor)})"
     notes = [*notes_of_model, *sound.notes]
@@ -169,7 +169,7 @@ def level(text: str) -> str | float:
     return text
 
 
-def _set(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+def _render_set(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Write a sound for each strike of a table, and their table, with one level for all."""
     from struck.batch.job_table import table_rows
     from struck.batch.strike_set import named_strikes, row_of
@@ -197,7 +197,8 @@ def _set(options: argparse.Namespace, progress: TerminalProgress) -> Result:
                 if row_listener is None
                 else sound_options | {"listener": listener(options, row_listener)}
             )
-            sounds.append((name, struck.render(*_placed(model, strike, options), **row_options)))
+            placed = _place_in_room(model, strike, options)
+            sounds.append((name, struck.render(*placed, **row_options)))
     rows = save_set(
         sounds,
         options.output,
@@ -209,7 +210,7 @@ def _set(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     levels = [row["level_db"] for row in rows if row["level_db"] is not None]
     span = f", peaks from {min(levels):.1f} to {max(levels):.1f} dB of it" if levels else ""
     scale = f"full scale is {rounded(rows[0]['full_scale'], 4)} {rows[0]['unit']}{span}"
-    notes = [*notes_of_model, *_grouped(sounds)]
+    notes = [*notes_of_model, *_group_notes(sounds)]
     if options.sounds in {"ogg", "mp3"}:
         notes.append(f"{options.sounds} leaves out what is not heard: levels are kept within 1 dB")
     if unused_names := [name for name in OF_A_SOUND if name in rows_of_table[0]]:
@@ -218,7 +219,7 @@ def _set(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     return Result([*notes, last], output=options.output, sounds=rows, notes=notes)
 
 
-def _grouped(sounds: list[tuple[str, struck.Sound]]) -> list[str]:
+def _group_notes(sounds: list[tuple[str, struck.Sound]]) -> list[str]:
     """Return the notes of sounds, each once, after the name of the first sound that has it."""
     names: dict[str, list[str]] = {}
     for name, sound in sounds:
@@ -255,7 +256,7 @@ def _model(options: argparse.Namespace) -> tuple[struck.ModalModel, tuple[str, .
     return model if options.pitch is None else model.charted(pitch=options.pitch), notes_of_model
 
 
-def _placed(
+def _place_in_room(
     model: struck.ModalModel, touched: Action | list[Action], options: argparse.Namespace
 ) -> tuple[Any, ...]:
     """Return model and touches, or in a room the body placed in it, for `struck.render`."""
@@ -347,13 +348,13 @@ def touches(options: argparse.Namespace) -> list[Action]:
 
 
 def _strike(text: str, options: argparse.Namespace) -> Strike:
-    place_text, time = _timed("--strike", text)
-    blow = same(options, "impulse striker speed duration direction")
+    place_text, time = _split_time("--strike", text)
+    blow = select_options(options, "impulse striker speed duration direction")
     return Strike(at=_place(place_text), time=time, **blow)
 
 
 def _scrape(text: str, options: argparse.Namespace) -> Scrape:
-    path_text, time = _timed("--scrape", text)
+    path_text, time = _split_time("--scrape", text)
     return Scrape(
         path=_parse_path("--scrape", path_text),
         speed=_SPEED if options.speed is None else options.speed,
@@ -365,27 +366,27 @@ def _scrape(text: str, options: argparse.Namespace) -> Scrape:
 
 
 def _roll(text: str, options: argparse.Namespace) -> Roll:
-    path_text, time = _timed("--roll", text)
+    path_text, time = _split_time("--roll", text)
     return Roll(
         path=_parse_path("--roll", path_text),
         speed=_SPEED if options.speed is None else options.speed,
-        **same(options, "radius mass"),
+        **select_options(options, "radius mass"),
         time=time,
         **({} if options.roughness is None else {"roughness": options.roughness}),
     )
 
 
 def _pluck(text: str, options: argparse.Namespace) -> Pluck:
-    place_text, time = _timed("--pluck", text)
+    place_text, time = _split_time("--pluck", text)
     return Pluck(at=_place(place_text), time=time, force=options.force, direction=options.direction)
 
 
 def _hold(text: str, options: argparse.Namespace) -> Hold:
-    place_text, time = _timed("--hold", text)
+    place_text, time = _split_time("--hold", text)
     return Hold(at=_place(place_text), time=time, grip=options.grip)
 
 
-def _timed(option: str, text: str) -> tuple[str, float]:
+def _split_time(option: str, text: str) -> tuple[str, float]:
     what, at_sign, time = text.partition("@")
     with suppress(ValueError):
         if 0 <= (seconds := float(time) if at_sign else 0.0) < math.inf:

@@ -40,7 +40,7 @@ EXAMPLES = (
     ),
 )
 _PATTERN = "PATTERN=VALUE"
-_LOOK = 0.02  # s between two checks whether it still plays
+_POLL_INTERVAL = 0.02  # s between two checks whether it still plays
 
 
 def declare(parser: argparse.ArgumentParser) -> None:
@@ -118,14 +118,14 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     refuse(options, others, f"is for {hint}")
     require_seconds(options.seconds, options.ring)
     if options.play:
-        return _heard_live(options, progress)
+        return _play_live(options, progress)
     _sound_options(options)  # refused before bodies are analyzed
     require_length(options.seconds + options.ring, options.rate)
     output = writable(options.output or Path(options.scene).with_suffix(".wav"))
     chosen(output)
     log = writable(options.log or output.with_suffix(".npz"), unlike=[options.scene])
     scene, contacts = struck.simulate(
-        options.scene, options.seconds, progress=progress, **_chosen(options)
+        options.scene, options.seconds, progress=progress, **_simulation_options(options)
     )
     save_contacts(contacts, log)
     progress("computing the sound", 0.0)
@@ -133,7 +133,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     excitations = events.on()
     _require_models(excitations, events, options)
     if options.listener is None and options.walk is None:
-        options.listener = _before(excitations)
+        options.listener = _place_before(excitations)
     sound_options = _sound_options(options)
     sound = struck.render(excitations, **sound_options)
     factor = sound.save(output)
@@ -169,21 +169,21 @@ def _require_models(scene: Scene, events: Events, options: argparse.Namespace) -
         raise OptionError(f"nothing sounds: {notes}")
 
 
-def _heard_live(options: argparse.Namespace, progress: TerminalProgress) -> Result:
+def _play_live(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Play a simulation until its time is over, or it explodes."""
     ears = _ears(options)  # refused before bodies are analyzed
-    simulation = Simulation(options.scene, progress=progress, **_chosen(options))
+    simulation = Simulation(options.scene, progress=progress, **_simulation_options(options))
     progress.close()
     with struck.play(simulation, listener=ears, device=device(options.device)) as player:
         end = time.monotonic() + options.seconds
         with suppress(KeyboardInterrupt):
             while time.monotonic() < end and player.simulating:
-                time.sleep(_LOOK)
+                time.sleep(_POLL_INTERVAL)
         player.listen(player.listener)  # tells what went wrong
         return played_result(player, simulation.notes)
 
 
-def _chosen(options: argparse.Namespace) -> dict[str, Any]:
+def _simulation_options(options: argparse.Namespace) -> dict[str, Any]:
     """Return the options of a `Simulation`."""
     plain = ("mute", "engine", "step", "keyframe", "folder", "convex", "accuracy", "damping")
     return {name: getattr(options, name) for name in plain} | {
@@ -215,7 +215,7 @@ def _ears(options: argparse.Namespace) -> Listener | None:
     return Mono(position=position_of(someone))
 
 
-def _before(scene: Scene) -> tuple[float, float, float]:
+def _place_before(scene: Scene) -> tuple[float, float, float]:
     """Return a place 1 m or more in front of a scene's moving bodies and half as far above, m."""
     places = [body.origin.points for body in scene.bodies.values() if body.moves]
     points = np.concatenate(places or [np.zeros((1, 3))])

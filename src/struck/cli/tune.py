@@ -7,7 +7,7 @@ import re
 
 from struck.analysis import tune
 from struck.cli import Result
-from struck.cli.options import BODY, MATERIAL, maker_named, material_of, pitch, same
+from struck.cli.options import BODY, MATERIAL, maker_named, material_of, pitch, select_options
 from struck.errors import OptionError
 from struck.model.provenance import TerminalProgress
 
@@ -67,7 +67,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
             f"{body} is a {kind}, which has no dimensions to vary: give a body as "
             f"bowl:radius=8cm (struck analyze --list), or analyze {mesh} at another --size"
         )
-    arguments = same(options, "vary lowest frequency mode accuracy")
+    arguments = select_options(options, "vary lowest frequency mode accuracy")
     tuning = tune(body, material_of(options.material), **arguments, progress=progress)
     (old_value, old_frequency), (value, new_frequency) = tuning.before, tuning.after
     return Result(

@@ -20,7 +20,7 @@ from typing import IO
 from struck.errors import MeshError
 from struck.files.atomic import open_ordinary, unread
 from struck.files.messages import FORMATS, PACKINGS, ReadingLimits
-from struck.files.recognition import not_a_surface
+from struck.files.recognition import explain_not_surface
 
 CHUNK = 2**14
 # Meshes as text pack ten to one; a large file that packs better than this is a trap.
@@ -33,7 +33,7 @@ _MOST_MEMBERS = 1000
 _END = 22 + 2**16
 _LARGEST_DIRECTORY = 2**20
 _UNPACKING = 128 * 2**20
-_DAMAGED = (OSError, EOFError, ValueError, RuntimeError, zlib.error, lzma.LZMAError)
+_UNPACKING_ERRORS = (OSError, EOFError, ValueError, RuntimeError, zlib.error, lzma.LZMAError)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,12 +55,12 @@ def open_source(path: Path, limits: ReadingLimits) -> Source:
         return Source(
             kind=kind, data=data, beside=_folder(path.parent, limits, total_size=len(data))
         )
-    unpack = _zipped if packing == "zip" else _packed
+    unpack = _read_zip if packing == "zip" else _read_packed
     try:
         with open_regular(path, limits) as file:
             source = unpack(path, file, limits)
     # zipfile says of a compression it does not know that it is not implemented.
-    except (*_DAMAGED, zipfile.BadZipFile, NotImplementedError) as error:
+    except (*_UNPACKING_ERRORS, zipfile.BadZipFile, NotImplementedError) as error:
         if isinstance(error, MeshError):
             raise
         raise MeshError(
@@ -76,7 +76,7 @@ def kind_of(name: str) -> str:
     """Return the mesh format that a file's name promises; MeshError for formats not read here."""
     kind = Path(name).suffix[1:].lower()
     if kind not in FORMATS:
-        raise MeshError(not_a_surface(name))
+        raise MeshError(explain_not_surface(name))
     return kind
 
 
@@ -152,10 +152,10 @@ def _folder(folder: Path, limits: ReadingLimits, *, total_size: int) -> Callable
     return read
 
 
-def _packed(path: Path, file: IO[bytes], limits: ReadingLimits) -> Source:
+def _read_packed(path: Path, file: IO[bytes], limits: ReadingLimits) -> Source:
     """Unpack one gz, bz2 or xz file; its name without that ending gives the format inside."""
     kind = kind_of(path.stem)
-    data = gathered(_UNPACKED[path.suffix[1:].lower()](file), limits, packed=file.tell)
+    data = gathered(_UNPACKERS[path.suffix[1:].lower()](file), limits, packed=file.tell)
     if not data:
         raise MeshError("it is empty once unpacked (0 bytes): pack it again")
     return Source(kind=kind, data=data, beside=_folder(path.parent, limits, total_size=len(data)))
@@ -182,14 +182,14 @@ def _streams(
     return unpacked
 
 
-_UNPACKED: dict[str, Callable[[IO[bytes]], Iterator[bytes]]] = {
+_UNPACKERS: dict[str, Callable[[IO[bytes]], Iterator[bytes]]] = {
     "gz": lambda file: pieces_of(gzip.GzipFile(fileobj=file, mode="rb")),
     "bz2": _streams(bz2.BZ2Decompressor),
     "xz": _streams(partial(lzma.LZMADecompressor, memlimit=_UNPACKING)),
 }
 
 
-def _zipped(_: Path, file: IO[bytes], limits: ReadingLimits) -> Source:
+def _read_zip(_: Path, file: IO[bytes], limits: ReadingLimits) -> Source:
     """Unpack the only mesh of a zip file, with its buffers if it is glTF."""
     _require_small_directory(file)
     with zipfile.ZipFile(file) as archive:
@@ -203,15 +203,13 @@ def _zipped(_: Path, file: IO[bytes], limits: ReadingLimits) -> Source:
         if kind == "gltf":
             needed_members += [item for item in members if item.filename.endswith(".bin")]
         require_size(sum(member.file_size for member in needed_members), limits)
-        contents = {
-            item.filename: _unzipped(archive, file, item, limits) for item in needed_members
-        }
+        contents = {item.filename: _unzip(archive, file, item, limits) for item in needed_members}
     if not contents[mesh.filename]:
         raise MeshError("it is empty once unpacked (0 bytes): pack it again")
     return Source(kind=kind, data=contents[mesh.filename], beside=_among(contents, folder))
 
 
-def _unzipped(
+def _unzip(
     archive: zipfile.ZipFile, file: IO[bytes], member: zipfile.ZipInfo, limits: ReadingLimits
 ) -> bytes:
     """Unpack one member, at most to the size that the archive states."""

@@ -26,7 +26,7 @@ from struck.errors import FileFormatError, nearest
 _PART = re.compile(r"\.struck-([0-9a-f]{8})-([1-9][0-9]{0,9})-[0-9a-f]{16}\.part")
 _DAY = 86_400.0
 _BOOT, _NAMESPACE = Path("/proc/sys/kernel/random/boot_id"), Path("/proc/self/ns/pid")
-_LARGEST = 2**31  # bytes of a file that is read
+_MAX_SIZE = 2**31  # bytes of a file that is read
 _PIPE = "a pipe or a device, not an ordinary file"
 _ACCESS_LIST = "system.posix_acl_access"  # name of the attribute, Linux
 _AT_ONCE = getattr(os, "O_NONBLOCK", 0)
@@ -50,7 +50,7 @@ def _ordinary(status: os.stat_result) -> bool:
     return stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)
 
 
-def read_bytes(path: str | os.PathLike[str], *, most: int = _LARGEST) -> bytes:
+def read_bytes(path: str | os.PathLike[str], *, most: int = _MAX_SIZE) -> bytes:
     """Return the content of an ordinary file of at most `most` bytes; else FileFormatError."""
     try:
         with open_ordinary(path) as file:
@@ -260,8 +260,8 @@ def _pass_on_permissions(target: Path, old_status: os.stat_result, handle: int) 
         with suppress(OSError):  # of a file system without attributes
             names = os.listxattr(target)
     for name in names:
-        group_kept = status.st_gid == old_status.st_gid  # a list has rights of the group, too
-        if name.startswith("user.") or (name == _ACCESS_LIST and group_kept):
+        has_group = status.st_gid == old_status.st_gid  # a list has rights of the group, too
+        if name.startswith("user.") or (name == _ACCESS_LIST and has_group):
             with suppress(OSError):
                 os.setxattr(handle, name, os.getxattr(target, name))
 

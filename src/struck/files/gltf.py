@@ -36,7 +36,7 @@ _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 
 def read_gltf(source: Source, limits: ReadingLimits) -> tuple[Iterator[Part], Counter[str]]:
     """Return the surfaces of a file, placed by its nodes, and counts of the parts left out."""
-    header, binary = _opened(source)
+    header, binary = _open(source)
     _require_known(header)
     document = _Document(header, _buffers(header, binary, source), limits)
     return document.placed(), document.left_out()
@@ -44,7 +44,7 @@ def read_gltf(source: Source, limits: ReadingLimits) -> tuple[Iterator[Part], Co
 
 def read_animation(source: Source, limits: ReadingLimits) -> dict[str, Motion]:
     """Return how each node that moves does, by its name, as seen from where it rests."""
-    header, binary = _opened(source)
+    header, binary = _open(source)
     _require_known(header)
     return _Document(header, _buffers(header, binary, source), limits).motions()
 
@@ -58,7 +58,7 @@ class Motion:
     rotations: NDArray[np.float64]  # (T, 4), unit quaternions (w, x, y, z)
 
 
-def _opened(source: Source) -> tuple[dict[str, Any], bytes | None]:
+def _open(source: Source) -> tuple[dict[str, Any], bytes | None]:
     """Return the JSON header, and the binary chunk of a GLB file."""
     if source.kind == "gltf":
         return json.loads(source.data), None
@@ -165,7 +165,7 @@ class _Document:
             number, parent = open_ends.pop()
             if number in poses:
                 raise ValueError(f"node {number} hangs on two others, or on itself")
-            poses[number] = parent @ _local(nodes[number])
+            poses[number] = parent @ _local_pose(nodes[number])
             open_ends += [(child, poses[number]) for child in nodes[number].get("children", [])]
         return poses
 
@@ -187,10 +187,10 @@ class _Document:
             )
             poses = np.tile(np.eye(4), (len(times), 1, 1))
             for item in reversed(line):
-                poses = poses @ _animated(nodes[item], courses.get(item, {}), times)
+                poses = poses @ _animate(nodes[item], courses.get(item, {}), times)
             name = str(nodes[number].get("name", number))
             name = f"{name} (node {number})" if name in motions else name
-            motions[name] = _rigid(name, times, poses @ np.linalg.inv(rest_poses[number]))
+            motions[name] = _make_motion(name, times, poses @ np.linalg.inv(rest_poses[number]))
         return motions
 
     def _courses(self) -> dict[int, dict[str, _Course]]:
@@ -270,14 +270,14 @@ _DEFAULTS = {"translation": (0, 0, 0), "rotation": (0, 0, 0, 1), "scale": (1, 1,
 _MAX_STRETCH = 1e-3  # how far from a rotation what is left of a pose may be
 
 
-def _animated(
+def _animate(
     node: dict[str, Any], courses: dict[str, _Course], times: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the transforms of a node to its parent at times (T, 4, 4)."""
     from scipy.spatial.transform import Rotation, Slerp
 
     if not courses:
-        return np.tile(_local(node), (len(times), 1, 1))
+        return np.tile(_local_pose(node), (len(times), 1, 1))
     parts = {}
     for path, default in _DEFAULTS.items():
         moments, values, interpolation = courses.get(
@@ -296,7 +296,7 @@ def _animated(
     return poses
 
 
-def _rigid(name: str, times: NDArray[np.float64], poses: NDArray[np.float64]) -> Motion:
+def _make_motion(name: str, times: NDArray[np.float64], poses: NDArray[np.float64]) -> Motion:
     """Return poses (T, 4, 4) as a motion; ValueError where the node changes its size."""
     from scipy.spatial.transform import Rotation
 
@@ -308,7 +308,7 @@ def _rigid(name: str, times: NDArray[np.float64], poses: NDArray[np.float64]) ->
     return Motion(times=times, positions=poses[:, :3, 3], rotations=rotations)
 
 
-def _local(node: dict[str, Any]) -> NDArray[np.float64]:
+def _local_pose(node: dict[str, Any]) -> NDArray[np.float64]:
     """Return the transform of a node to its parent, (4, 4)."""
     from scipy.spatial.transform import Rotation  # other formats need not wait for it
 

@@ -46,14 +46,14 @@ package.__path__ = [{str(Path(__file__).resolve().parents[1])!r}]
 """
 # Exit code of a reader that the system has ended for its processor time.
 _WORKED_TOO_LONG = -signal.SIGPROF if hasattr(signal, "SIGPROF") else None
-_KILLED = (
+_KILLED_CODE = (
     -signal.SIGKILL if hasattr(signal, "SIGKILL") else None
 )  # as Linux ends a process when memory runs out
 _PROGRAM = f"{_ALMOST_EMPTY_PACKAGE}from struck.files.worker import main; main()"
 _LONGEST_START = 60.0  # s
 _LONGEST_MESSAGE = 500
 # Squares of lengths, and their sums, must stay within the range of double precision.
-_FARTHEST = 1e150
+_MAX_COORDINATE = 1e150
 # Below this height over its longest side a triangle is a line, within rounding.
 _THINNEST_FACE = 1e-12
 _AT_ONCE = 2**16
@@ -189,10 +189,10 @@ class Guard:
             limit = f"more than {self.limits.seconds:g} s of the processor"
         elif code == OUT_OF_MEMORY:
             limit = f"more than {self.limits.memory} bytes of memory"
-        elif code == _KILLED:
+        elif code == _KILLED_CODE:
             limit = "more memory than the system has left"
         if limit:  # of this machine and hour, not the file's fault
-            cause = MemoryError() if code in {OUT_OF_MEMORY, _KILLED} else TimeoutError()
+            cause = MemoryError() if code in {OUT_OF_MEMORY, _KILLED_CODE} else TimeoutError()
             raise MeshError(f"reading it took {limit}: {advice}") from cause
         raise MeshError(
             f"its reader crashed on it (exit code {code}): it is damaged, or made to do harm; "
@@ -327,10 +327,10 @@ def _require_sound(part: Part) -> None:
             "is truncated or damaged; export it again"
         )
     extent = np.abs(part.points).max()
-    if extent > _FARTHEST:
+    if extent > _MAX_COORDINATE:
         raise MeshError(
-            f"a vertex is {rounded(extent, 3)} from the origin, and {rounded(_FARTHEST)} can be "
-            "computed with: export it again"
+            f"a vertex is {rounded(extent, 3)} from the origin, and {rounded(_MAX_COORDINATE)} can "
+            "be computed with: export it again"
         )
 
 

@@ -25,7 +25,7 @@ from struck.files.archives import Source, open_regular, open_source
 from struck.files.atomic import write_bytes
 from struck.files.gltf import read_gltf, strip_triangles
 from struck.files.messages import FORMATS, READERS, ElementBlocks, Parsed, Part, ReadingLimits
-from struck.files.recognition import HEAD, kind_by_content, not_a_surface
+from struck.files.recognition import HEAD, explain_not_surface, kind_by_content
 from struck.model.arrays import AnyArray
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ _OPTIONS = {"stl": {}, "ply": {"skip_materials": True}}
 _LONGEST_HEADER = 2**16
 _MOST_LETTERS = 10**6
 # Elements of OBJ files with a position, other than vertices and faces, by keyword.
-_OBJ_BESIDE = {"p": "point", "l": "line", "curv": "curve", "surf": "curved patch"}
+_OBJ_EXTRAS = {"p": "point", "l": "line", "curv": "curve", "surf": "curved patch"}
 
 
 def parse(path: Path, limits: ReadingLimits) -> Parsed:
@@ -50,7 +50,7 @@ def parse(path: Path, limits: ReadingLimits) -> Parsed:
     try:
         # A few bytes can place one surface many times.
         parts, beside = _READERS[source.kind](source, limits)
-        nonempty_parts = _few((part for part in parts if len(part.faces)), limits)
+        nonempty_parts = _limit_parts((part for part in parts if len(part.faces)), limits)
     except (MeshError, MemoryError):
         raise
     except Exception as error:
@@ -72,7 +72,7 @@ def _require_content(source: Source) -> None:
         raise MeshError(f"it holds binary data and {kind.upper()} is text: export it again")
 
 
-def _few(parts: Iterable[Part], limits: ReadingLimits) -> list[Part]:
+def _limit_parts(parts: Iterable[Part], limits: ReadingLimits) -> list[Part]:
     """Collect parts one by one, as long as they stay within bounds."""
     selected_parts: list[Part] = []
     vertices = faces = letters = 0
@@ -99,7 +99,7 @@ def _by_trimesh(source: Source, limits: ReadingLimits) -> tuple[list[Part], Coun
     """Read STL and PLY."""
     import trimesh
 
-    counts = _stated(source)
+    counts = _stated_counts(source)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         # NumPy only warns when text numbers end in something else, and drops the rest.
@@ -107,7 +107,7 @@ def _by_trimesh(source: Source, limits: ReadingLimits) -> tuple[list[Part], Coun
         scene = trimesh.load_scene(
             io.BytesIO(source.data), file_type=source.kind, process=False, **_OPTIONS[source.kind]
         )
-    parts = _few(_surfaces(scene), limits)
+    parts = _limit_parts(_surfaces(scene), limits)
     count = sum(len(part.faces) for part in parts)
     if count < counts["face"]:
         raise MeshError(
@@ -127,7 +127,7 @@ def _surfaces(scene: Scene) -> Iterator[Part]:
             faces.append(np.asarray(body.faces, dtype=np.int64))
         strips = body.metadata.get("_ply_raw", {}).get("tristrips")
         if strips:
-            faces.append(_unrolled(strips["data"]))
+            faces.append(_unroll(strips["data"]))
         points = np.asarray(body.vertices, dtype=np.float64).reshape(-1, 3)
         yield Part(
             name=str(name).encode(errors="replace").decode(),
@@ -136,7 +136,7 @@ def _surfaces(scene: Scene) -> Iterator[Part]:
         )
 
 
-def _unrolled(strips: dict[str, AnyArray] | AnyArray) -> NDArray[np.int64]:
+def _unroll(strips: dict[str, AnyArray] | AnyArray) -> NDArray[np.int64]:
     """Return the triangles of PLY strips, as text or binary, which are one list parted by -1."""
     if isinstance(strips, dict):
         column = next(iter(strips.values()))
@@ -147,7 +147,7 @@ def _unrolled(strips: dict[str, AnyArray] | AnyArray) -> NDArray[np.int64]:
     return np.concatenate([strip_triangles(piece[piece >= 0]) for piece in pieces])
 
 
-def _stated(source: Source) -> Counter[str]:
+def _stated_counts(source: Source) -> Counter[str]:
     """Return how many elements of each kind a file says it has: not more than its bytes."""
     data, counts = source.data, Counter[str]()
     # A binary STL must be as long as it says to be read at all.
@@ -278,8 +278,8 @@ class _Reader:
             self._object = " ".join(words[1:]) or "default"
         elif keyword == "g":
             self._group = " ".join(words[1:]) or "default"
-        elif keyword in _OBJ_BESIDE:
-            self.beside[_OBJ_BESIDE[keyword]] += 1
+        elif keyword in _OBJ_EXTRAS:
+            self.beside[_OBJ_EXTRAS[keyword]] += 1
 
     def _index(self, word: str) -> int:
         number = int(word.partition("/")[0])
@@ -368,7 +368,7 @@ def _reader(path: Path) -> Callable[[str], meshio.Mesh]:
     if path.suffix.lower() not in READERS:
         if path.suffix[1:].lower() in FORMATS:
             raise MeshError("it is a surface and not a volume mesh: load it by load_body")
-        raise MeshError(not_a_surface(path.name))
+        raise MeshError(explain_not_surface(path.name))
     meshio = _meshio("volume meshes are read")
     # meshio 5.3 knows the nodes of these two elements and yet fails on them.
     with contextlib.suppress(ImportError):

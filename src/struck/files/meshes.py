@@ -36,7 +36,7 @@ from struck.solids.surface.welding import lines, sewn
 from struck.solids.volume_mesh import VolumeMesh
 
 _UP = {"obj": "y", "gltf": "y", "glb": "y", "stl": "z", "ply": "z", "off": "z"}
-_LISTED = 12
+_MAX_LISTED_NAMES = 12
 SUFFIXES = frozenset(READERS)  # of volume mesh files
 _ELEMENTS = {
     "tetra": "tet4",
@@ -46,11 +46,11 @@ _ELEMENTS = {
     "wedge": "wedge6",
     "wedge15": "wedge15",
 }
-_NOT_SOLID = ("vertex", "line", "triangle", "quad", "polygon")
+_FLAT_KINDS = ("vertex", "line", "triangle", "quad", "polygon")
 # Cubes of lengths must stay within the range of double precision.
-_SMALLEST, _LARGEST = 1e-60, 1e60
+_MIN_SIZE, _MAX_SIZE = 1e-60, 1e60
 # Parts that are left out may have set the scale: if it is off by this fraction, it is set again.
-_NEAR = 0.01
+_SCALE_TOLERANCE = 0.01
 
 
 def load_mesh(
@@ -266,7 +266,7 @@ def load_body(
     surface, extras = _read_surface(Path(path), units, size, part, up)
     with _named(Path(path)):
         result = repaired(surface, wall=wall, holes=holes)
-        if size is not None and abs(result.mesh.extent / size - 1) > _NEAR:
+        if size is not None and abs(result.mesh.extent / size - 1) > _SCALE_TOLERANCE:
             # What was left out had set the scale.
             result = repaired(surface.scaled(size / result.mesh.extent), wall=wall, holes=holes)
     others = ", ".join(counted(count, kind) for kind, count in extras.items() if count)
@@ -349,7 +349,7 @@ def body_names(path: str | os.PathLike[str]) -> list[str]:
     with _named(Path(path)):
         parts = read_contents(path).parts
         surfaces = _surfaces(parts)
-        surface = _whole(parts, surfaces)
+        surface = _join_parts(parts, surfaces)
         if not is_closed(surface):
             return []
         bodies, names = _bodies(parts, surfaces, surface)
@@ -392,7 +392,7 @@ def load_volume(path: str | os.PathLike[str], *, units: str | None = None) -> Vo
     path = Path(path)
     _require_options(units, None, None)
     with _named(path):
-        mesh = _one_kind(read_volume(path), UNITS[units or "m"])
+        mesh = _volume_mesh(read_volume(path), UNITS[units or "m"])
         _require_upright(mesh)
     return mesh
 
@@ -425,10 +425,10 @@ def _require_options(units: str | None, size: float | None, up: str | None) -> N
 def _one_body(parts: list[Part], part: str | None) -> Mesh:
     """Choose the body that `part` names, or the only one there is."""
     surfaces = _surfaces(parts)
-    surface = _whole(parts, surfaces)
+    surface = _join_parts(parts, surfaces)
     bodies, names = _bodies(parts, surfaces, surface) if is_closed(surface) else ([surface], [])
     if part is None and len(bodies) > 1:
-        choices = _listed(names or [str(number) for number in range(len(bodies))])
+        choices = _list_names(names or [str(number) for number in range(len(bodies))])
         raise MeshError(f"it holds {len(bodies)} bodies: choose one with part=, of {choices}")
     return bodies[0] if part is None else _chosen(part, parts, surfaces, bodies, names)
 
@@ -436,10 +436,10 @@ def _one_body(parts: list[Part], part: str | None) -> Mesh:
 def _any_surface(parts: list[Part], part: str | None) -> Mesh:
     """Choose the surface that `part` names, or all together."""
     surfaces = _surfaces(parts)
-    whole = _whole(parts, surfaces)
+    whole = _join_parts(parts, surfaces)
     if part is None:
         return whole
-    return _chosen(part, parts, surfaces, *_bodies(parts, surfaces, _closed(whole)))
+    return _chosen(part, parts, surfaces, *_bodies(parts, surfaces, _close(whole)))
 
 
 def _choices(parts: list[Part]) -> tuple[dict[str, Mesh], Callable[[Mesh], bool] | None]:
@@ -449,7 +449,7 @@ def _choices(parts: list[Part]) -> tuple[dict[str, Mesh], Callable[[Mesh], bool]
     is unknown which are taken.
     """
     surfaces = _surfaces(parts)
-    surface = _closed(_whole(parts, surfaces))
+    surface = _close(_join_parts(parts, surfaces))
     bodies, names = _bodies(parts, surfaces, surface)
     is_taken = _taken(surface) if is_closed(surface) else None
     if names:
@@ -466,10 +466,10 @@ def _taken(whole: Mesh) -> Callable[[Mesh], bool]:
 
 
 def _surfaces(parts: list[Part]) -> list[Mesh]:
-    return [_cleaned(Mesh(points=part.points, faces=part.faces)) for part in parts]
+    return [_clean(Mesh(points=part.points, faces=part.faces)) for part in parts]
 
 
-def _closed(whole: Mesh) -> Mesh:
+def _close(whole: Mesh) -> Mesh:
     """Return a closed surface itself, and an open one sewn together."""
     return whole if is_closed(whole) else sewn(whole)[0]
 
@@ -486,7 +486,8 @@ def _chosen(
     choices |= dict(zip(names, bodies, strict=bool(names)))
     if part not in choices:
         numbers = list(_numbered(bodies))
-        names_text = _listed(names or [*numbers, *(item.name for item in parts if len(parts) > 1)])
+        part_names = [item.name for item in parts if len(parts) > 1]
+        names_text = _list_names(names or [*numbers, *part_names])
         raise MeshError(
             f"it has no part {part!r}: {nearest(part, choices)}give one of {names_text}"
         )
@@ -498,13 +499,13 @@ def _are_bodies(surfaces: list[Mesh]) -> bool:
     return len(surfaces) > 1 and all(is_closed(surface) for surface in surfaces)
 
 
-def _whole(parts: list[Part], surfaces: list[Mesh]) -> Mesh:
+def _join_parts(parts: list[Part], surfaces: list[Mesh]) -> Mesh:
     """Return separate bodies side by side, and patches of one surface welded together."""
     if _are_bodies(surfaces):
-        return _joined(surfaces)
+        return _join(surfaces)
     if len(parts) == 1:
         return surfaces[0]
-    return _cleaned(_joined([Mesh(points=part.points, faces=part.faces) for part in parts]))
+    return _clean(_join([Mesh(points=part.points, faces=part.faces) for part in parts]))
 
 
 def _bodies(parts: list[Part], surfaces: list[Mesh], whole: Mesh) -> tuple[list[Mesh], list[str]]:
@@ -519,7 +520,7 @@ def _bodies(parts: list[Part], surfaces: list[Mesh], whole: Mesh) -> tuple[list[
     return [submesh(whole, faces) for faces in groups], names if is_unique else []
 
 
-def _joined(surfaces: list[Mesh]) -> Mesh:
+def _join(surfaces: list[Mesh]) -> Mesh:
     """Return surfaces as one mesh, without welding."""
     starts = np.cumsum([0, *(len(surface.points) for surface in surfaces)])
     return Mesh(
@@ -530,16 +531,16 @@ def _joined(surfaces: list[Mesh]) -> Mesh:
     )
 
 
-def _cleaned(raw: Mesh) -> Mesh:
-    if not _SMALLEST < raw.extent < _LARGEST:
+def _clean(raw: Mesh) -> Mesh:
+    if not _MIN_SIZE < raw.extent < _MAX_SIZE:
         raise MeshError(
             f"its longest edge is {rounded(raw.extent, 3)}, and volumes can be computed from "
-            f"{rounded(_SMALLEST)} to {rounded(_LARGEST)} alone: export it again"
+            f"{rounded(_MIN_SIZE)} to {rounded(_MAX_SIZE)} alone: export it again"
         )
-    return _without_lines(_welded(raw))
+    return _drop_lines(_weld(raw))
 
 
-def _welded(mesh: Mesh) -> Mesh:
+def _weld(mesh: Mesh) -> Mesh:
     """Merge vertices at the very same place, and leave out faces that this collapses."""
     points = mesh.points + 0.0  # makes -0.0 and 0.0 one
     order = np.lexsort(points.T)
@@ -553,7 +554,7 @@ def _welded(mesh: Mesh) -> Mesh:
     return submesh(Mesh(points=points, faces=faces), np.flatnonzero(whole))
 
 
-def _without_lines(mesh: Mesh) -> Mesh:
+def _drop_lines(mesh: Mesh) -> Mesh:
     """Leave out faces whose corners lie on a line, where the surface is closed without them."""
     flat = lines(mesh)
     if not flat.any() or flat.all():
@@ -562,18 +563,18 @@ def _without_lines(mesh: Mesh) -> Mesh:
     return rest if is_closed(rest) else mesh
 
 
-def _listed(names: list[str]) -> str:
-    names_text = ", ".join(repr(name) for name in names[:_LISTED])
-    more = len(names) - _LISTED
+def _list_names(names: list[str]) -> str:
+    names_text = ", ".join(repr(name) for name in names[:_MAX_LISTED_NAMES])
+    more = len(names) - _MAX_LISTED_NAMES
     return f"{names_text} ... and {more} more" if more > 0 else names_text
 
 
-def _one_kind(blocks: ElementBlocks, metre: float) -> VolumeMesh:
+def _volume_mesh(blocks: ElementBlocks, metre: float) -> VolumeMesh:
     """Return the volume elements of a file, which must be of one kind."""
     counts: Counter[str] = Counter()
     for kind, cells in blocks.cells:
         counts[kind] += len(cells)
-    solid_kinds = [kind for kind in +counts if not kind.startswith(_NOT_SOLID)]
+    solid_kinds = [kind for kind in +counts if not kind.startswith(_FLAT_KINDS)]
     inventory = ", ".join(f"{count} {kind}" for kind, count in counts.items()) or "nothing"
     if not solid_kinds:
         raise MeshError(
@@ -603,10 +604,10 @@ def _compact(nodes: Array, elements: Index, kind: str) -> VolumeMesh:
     if nodes.shape[1] != 3 or not np.isfinite(nodes[node_indices]).all():
         raise MeshError("its nodes are not finite numbers x, y and z: export the mesh again")
     extent = np.abs(nodes[node_indices]).max()
-    if extent > _LARGEST:
+    if extent > _MAX_SIZE:
         raise MeshError(
             f"a node is {rounded(extent, 3)} m from the origin, and volumes can be computed "
-            f"within {rounded(_LARGEST)} m alone: export the mesh again"
+            f"within {rounded(_MAX_SIZE)} m alone: export the mesh again"
         )
     return VolumeMesh(
         nodes=nodes[node_indices], elements=renumbered.reshape(elements.shape), kind=kind

@@ -39,7 +39,7 @@ from struck.files.container import (
     unpack,
     vector,
 )
-from struck.files.recognition import MODELS, kind_by_name, not_a_model
+from struck.files.recognition import MODELS, explain_not_model, kind_by_name
 from struck.model.arrays import Array, checked, require_numbers
 from struck.model.damping import Damping, InternalFriction, Measured, Rayleigh
 from struck.model.gains import Gains, Radiation, ShapeGains, TransverseShapes
@@ -389,7 +389,7 @@ def require_model(path: str | os.PathLike[str]) -> None:
     """Refuse a file of another kind where a model belongs, by its content or its ending."""
     named = kind_by_name(path)
     known = is_file(path) or (named is not None and named.group != "model")
-    if known and (other := not_a_model(path)):
+    if known and (other := explain_not_model(path)):
         raise FileFormatError(f"{path} {other}")
 
 

@@ -21,7 +21,7 @@ MODELS = ("struck", "sofa")
 SCENES = ("xml", "urdf", "mjcf")
 SOUNDS = tuple(ending[1:] for ending in ENDINGS)
 VOLUMES = tuple(ending[1:] for ending in READERS)
-_SPELLED = {"vtk": "VTK", "vtu": "VTU", "msh": "Gmsh", "inp": "Abaqus or CalculiX"}
+_FORMAT_NAMES = {"vtk": "VTK", "vtu": "VTU", "msh": "Gmsh", "inp": "Abaqus or CalculiX"}
 HEAD = 4096  # bytes from the beginning of a file, by which it is recognised
 _CONTAINER = 16 * 2**20  # bytes of the longest header of a safetensors container
 
@@ -55,7 +55,7 @@ _NOUNS: Mapping[str, str] = {
     "other": "a file",
 }
 # Names of formats by ending, in groups: first those that are not read.
-_UNREAD: Mapping[str, Mapping[str, str]] = {
+_UNREAD_FORMATS: Mapping[str, Mapping[str, str]] = {
     "foreign scene": {
         "fbx": "FBX", "blend": "Blender", "dae": "COLLADA", "3ds": "3DS", "usd": "USD",
         "usda": "USD", "usdc": "USD", "usdz": "USD", "x3d": "X3D", "wrl": "VRML", "abc": "Alembic",
@@ -92,23 +92,23 @@ _UNREAD: Mapping[str, Mapping[str, str]] = {
     },
 }  # fmt: skip
 # Then those that are, of which the readers' tables have the endings.
-_READ: Mapping[str, Mapping[str, str]] = {
+_READ_FORMATS: Mapping[str, Mapping[str, str]] = {
     "table": {"csv": "CSV", "tsv": "TSV"},
     "plan": {"toml": "TOML"},
     "scene": {name: name.upper() for name in SCENES},
     "sound": {name: name.upper() for name in (*SOUNDS, "opus", "au", "caf", "w64")},
-    "volume": {**dict(zip(VOLUMES, VOLUMES, strict=True)), **_SPELLED},
+    "volume": {**dict(zip(VOLUMES, VOLUMES, strict=True)), **_FORMAT_NAMES},
     "surface": {name: name.upper() for name in FORMATS} | {"gltf": "glTF"},
     "model": {"struck": "struck", "sofa": "SOFA"},
 }
 _NAMES: Mapping[str, tuple[str, str]] = {
     f".{ending}": (name, group)
-    for table in (_UNREAD, _READ)
+    for table in (_UNREAD_FORMATS, _READ_FORMATS)
     for group, names in table.items()
     for ending, name in names.items()
 }
 # By the first bytes: the name of a format, and its group.
-_STARTS: tuple[tuple[bytes, str, str], ...] = (
+_SIGNATURES: tuple[tuple[bytes, str, str], ...] = (
     (rb"glTF", "GLB", "surface"),
     (rb"ply\s", "PLY", "surface"),
     (rb"(?:ST|C|N)*OFF\s", "OFF", "surface"),
@@ -156,11 +156,11 @@ class FileKind:
     @property
     def is_read(self) -> bool:
         """Whether some part of struck reads it."""
-        return self.group in _READ
+        return self.group in _READ_FORMATS
 
     @property
     def advice(self) -> str:
-        """The command that reads it, or how to come to a file that is read."""
+        """The command that reads it, or how to make a file that is read."""
         return _ADVICE[self.group]
 
     def __str__(self) -> str:
@@ -172,8 +172,10 @@ def kind_by_content(head: bytes) -> FileKind | None:
     length = int.from_bytes(head[:8], "little")
     if len(head) > 8 and head[8:9] == b"{" and 2 <= length <= _CONTAINER:
         is_struck = b'"format":"struck"' in head.replace(b" ", b"")
-        return FileKind(name="struck", group="model") if is_struck else _named(".safetensors")
-    for start, name, group in _STARTS:
+        if is_struck:
+            return FileKind(name="struck", group="model")
+        return _kind_by_ending(".safetensors")
+    for start, name, group in _SIGNATURES:
         if re.match(start, head, re.DOTALL | re.IGNORECASE if group == "volume" else re.DOTALL):
             return FileKind(name=name, group=group)
     return None
@@ -183,13 +185,13 @@ def kind_by_name(path: str | os.PathLike[str]) -> FileKind | None:
     """Return the kind that a file's ending promises, also of one that is packed."""
     path = Path(path)
     if path.suffix[1:].lower() in PACKINGS:
-        inner = _named(Path(path.stem).suffix.lower())
+        inner = _kind_by_ending(Path(path.stem).suffix.lower())
         zip_kind = FileKind(name="ZIP", group="surface") if path.suffix == ".zip" else None
         return inner or zip_kind
-    return _named(path.suffix.lower())
+    return _kind_by_ending(path.suffix.lower())
 
 
-def _named(ending: str) -> FileKind | None:
+def _kind_by_ending(ending: str) -> FileKind | None:
     name, group = _NAMES.get(ending, ("", ""))
     return FileKind(name=name, group=group) if name else None
 
@@ -203,14 +205,14 @@ def _head_of(path: str | os.PathLike[str]) -> bytes:
     return b""
 
 
-def recognised(path: str | os.PathLike[str]) -> FileKind | None:
+def recognise(path: str | os.PathLike[str]) -> FileKind | None:
     """Return the kind of a file: by its content, or else by its ending."""
     kind, content_kind = kind_by_name(path), kind_by_content(_head_of(path))
     is_packed = content_kind is not None and content_kind.name == "ZIP"  # the ending says more
     return kind if kind is not None and (content_kind is None or is_packed) else content_kind
 
 
-def readable(*, meshes: bool = False) -> str:
+def list_readable(*, meshes: bool = False) -> str:
     """Return all endings of files that are read, or of `meshes` alone, in words."""
     surfaces = f"surfaces as {', '.join(FORMATS)}, also packed as {', '.join(PACKINGS)}"
     meshes_text = f"{surfaces}; volume meshes as {', '.join(VOLUMES)}"
@@ -223,20 +225,20 @@ def readable(*, meshes: bool = False) -> str:
 
 
 def another_kind(path: str | os.PathLike[str], group: str, *, advice: str = "") -> str:
-    """Return that a file is known not to be of a group, and its way out; "" where it may be."""
-    kind = recognised(path)
+    """Return why a file is not of a group, and what to do with it; "" where it may be."""
+    kind = recognise(path)
     if kind is None or kind.group == group:
         return ""
     contrast = f" and not {_NOUNS[group]}" if kind.is_read else ", which struck does not read"
     return f"is {kind}{contrast}: {advice}{kind.advice}"
 
 
-def not_a_model(path: str | os.PathLike[str]) -> str:
-    """Return the kind of a file that is no model, and its way out; "" of a damaged model."""
-    kind, ending = recognised(path), Path(path).suffix.lower()
+def explain_not_model(path: str | os.PathLike[str]) -> str:
+    """Return why a file is no model, and what to do with it; "" for a damaged model."""
+    kind, ending = recognise(path), Path(path).suffix.lower()
     if kind is None:
         name = f"ends in {ending!r}" if ending else "has no ending"
-        return f"{name}, and its content is of no kind that is read: struck reads {readable()}"
+        return f"{name}, and its content is of no kind that is read: struck reads {list_readable()}"
     if kind.name == "safetensors" and ending == ".struck":
         return ""
     content_ending = kind.name.lower()
@@ -246,18 +248,18 @@ def not_a_model(path: str | os.PathLike[str]) -> str:
         else ""
     )
     reason = another_kind(path, "model", advice=advice)
-    return f"{reason}; struck reads {readable()}" if reason else ""
+    return f"{reason}; struck reads {list_readable()}" if reason else ""
 
 
-def not_a_surface(name: str) -> str:
-    """Return the kind of a file that by its name is no surface, and all formats of meshes."""
+def explain_not_surface(name: str) -> str:
+    """Return why a file is no surface by its name, and all formats of meshes."""
     kind, ending = kind_by_name(name), Path(name).suffix
     if kind is None:
         reason = (
             f"its extension {ending!r} names no mesh format" if ending else "it has no extension"
         )
-        return f"{reason}: use one of {readable(meshes=True)}"
+        return f"{reason}: use one of {list_readable(meshes=True)}"
     if kind.group == "volume":
         return f"it is {kind}, and those are read unpacked alone: unpack it"
     contrast = " and not a mesh" if kind.is_read else ", which struck does not read"
-    return f"it is {kind}{contrast}: {kind.advice}; meshes are read: {readable(meshes=True)}"
+    return f"it is {kind}{contrast}: {kind.advice}; meshes are read: {list_readable(meshes=True)}"

@@ -47,7 +47,7 @@ def recorded_listeners(gains: Gains) -> Array | None:
     if isinstance(recorded_gains, SinglePoint):
         return recorded_gains.centre + np.eye(3)[:1]
     if isinstance(recorded_gains, TimbreTable):
-        return _gridded(recorded_gains)
+        return _grid_places(recorded_gains)
     if not isinstance(recorded_gains, TimbreField):
         return None
     # A field keeps waves, not who heard them outside: 45 directions at the distance of the nearest
@@ -60,7 +60,7 @@ def recorded_listeners(gains: Gains) -> Array | None:
     return recorded_gains.centre + np.concatenate([*rings, inner_places])
 
 
-def _gridded(table: TimbreTable) -> Array:
+def _grid_places(table: TimbreTable) -> Array:
     """Return one place for each listener of a table (Q, 3), m."""
     nodes = combinations(table.listeners.axes)
     places = from_spherical(*nodes.T) if table.system == "spherical" else nodes
@@ -153,7 +153,7 @@ class SampledField:
                 "a computed model has gains everywhere: to sample them give contacts=, as names or "
                 "points in m, and listeners=, as x, y, z in m"
             )
-        places, directions = _touched(model, contacts)
+        places, directions = _find_contacts(model, contacts)
         positions = np.asarray(listeners, np.float64)
         if positions.ndim != 2 or positions.shape[1:] != (3,) or not positions.size:
             raise OptionError(f"listeners have shape {positions.shape}: give x, y, z of each, m")
@@ -200,10 +200,10 @@ class SampledField:
             decays=self.decays[order],
             gains=self.gains[:, :, order],
         )
-        numbered_field, places = _numbered(sorted_field)
+        numbered_field, places = _number_places(sorted_field)
         origin = Origin() if self.origin is None else self.origin.chosen(order)
         method = origin.provenance.method
-        gains = _interpolated(numbered_field, chosen, self.radius if radius is None else radius)
+        gains = _interpolate(numbered_field, chosen, self.radius if radius is None else radius)
         return ModalModel(
             frequencies=sorted_field.frequencies,
             natural_frequencies=natural[order],
@@ -224,7 +224,7 @@ class SampledField:
         )
 
 
-def _numbered(field: SampledField) -> tuple[SampledField, dict[str, Array]]:
+def _number_places(field: SampledField) -> tuple[SampledField, dict[str, Array]]:
     """Return a field with contacts by number where they are points in space, and their names."""
     # A contact without coordinates is the recorded one; of several it is that which a model called
     # so, else that of most energy. Between points in space nothing is known.
@@ -242,7 +242,7 @@ def _numbered(field: SampledField) -> tuple[SampledField, dict[str, Array]]:
     return replace(field, contacts=numbers, coordinates=("number of contact",)), names
 
 
-def _interpolated(field: SampledField, interpolation: str, radius: float) -> Gains:
+def _interpolate(field: SampledField, interpolation: str, radius: float) -> Gains:
     if not field.contacts.shape[1]:
         distance = float(np.linalg.norm(field.listeners[0] - field.centre))
         return SinglePoint(
@@ -258,7 +258,7 @@ def _interpolated(field: SampledField, interpolation: str, radius: float) -> Gai
     )
 
 
-def _touched(model: ModalModel, contacts: ArrayLike | Sequence[Place]) -> tuple[Array, Array]:
+def _find_contacts(model: ModalModel, contacts: ArrayLike | Sequence[Place]) -> tuple[Array, Array]:
     """Return contacts (P, D) and the directions of pushes there (P, 3)."""
     if isinstance(model.gains, ShapeGains) and model.geometry is not None:
         model_contacts = [model.contact(place) for place in contacts]  # type: ignore[union-attr] - a list

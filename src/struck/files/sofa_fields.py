@@ -47,7 +47,7 @@ _PASCAL, _RELATIVE = "Pa/(N s)", "relative"
 _AXES = ("ContactU", "ContactV")
 _UNKNOWN = "unknown"
 _SOURCE, _MODEL = "GainSource", "model"
-_SPARE = 100  # bytes for a last line
+_SPARE_BYTES = 100  # bytes for a last line
 _PLACE = "RecordedContact"
 _ERRORS, _UNMEASURED = "ModeError", "ModeUnmeasured"
 _SURFACE = (
@@ -473,7 +473,7 @@ def _lines(sentences: Iterable[str]) -> str:
     """Return the sentences that fit into an attribute, a line each, and the number of others."""
     lines = [" ".join(sentence.split()) for sentence in sentences]
     lengths = np.cumsum([len(line.encode()) + 1 for line in lines])
-    count = int(np.count_nonzero(lengths < LONGEST - _SPARE))
+    count = int(np.count_nonzero(lengths < LONGEST - _SPARE_BYTES))
     remark = [f"... and {counted(len(lines) - count, 'more note')}"] if count < len(lines) else []
     return "\n".join([*lines[:count], *remark])
 

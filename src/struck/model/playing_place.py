@@ -148,14 +148,14 @@ class _Candidates:
             keys=np.round(points[:, axes] / (_POSITION_STEP * surface.extent)),
         )
 
-    def best(self, scores: Array, named: float, axis: float) -> tuple[Array, str | None]:
+    def best(self, scores: Array, name_bonus: float, axis_bonus: float) -> tuple[Array, str | None]:
         """Return the place (3,), m, of the highest score (K,), dB, and its name."""
         count = len(self.names)
-        worth = [axis if name[:1] in "+-" else named for name in self.names]
-        first = scores[:count] + worth
+        bonuses = [axis_bonus if name[:1] in "+-" else name_bonus for name in self.names]
+        named_scores = scores[:count] + bonuses
         others = scores[count:]
-        if not len(others) or (count and first.max() >= others.max()):
-            number = int(np.argmax(first))
+        if not len(others) or (count and named_scores.max() >= others.max()):
+            number = int(np.argmax(named_scores))
             return self.points[number], self.names[number]
         candidates = count + np.flatnonzero(others >= others.max() - _EQUAL_LEVEL)
         return self.points[candidates[np.lexsort(self.keys[candidates].T)[-1]]], None

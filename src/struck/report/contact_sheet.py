@@ -68,7 +68,7 @@ def contact_sheet(events: Events, sound: Sound, *, seconds: float) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    things = _shown(events.scene.bodies)
+    things = _list_things(events.scene.bodies)
     if not things:
         raise OptionError("no body of the scene has a surface: there is nothing to draw")
     planes = [body for body in events.scene.bodies.values() if _is_plane(body)]
@@ -115,21 +115,21 @@ class _Thing:
     corners: Array  # (F, 3, 3), in its coordinates, m
     colour: Array  # (3,)
 
-    def placed(self, time: float) -> Array:
+    def corners_at(self, time: float) -> Array:
         """Return its triangles in the scene at a time, m (F, 3, 3)."""
         place, rotation = course_of(self.body, np.array([time]))
         return self.corners @ rotation[0].T + place[0]
 
     def add(self, image: DepthImage, number: int, time: float, view: Array) -> None:
         """Draw it into an image."""
-        corners = self.placed(time) @ view.T
+        corners = self.corners_at(time) @ view.T
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
         light = _AMBIENT + (1 - _AMBIENT) * (0.5 + 0.5 * normals @ _LIGHT)
         image.add_triangles(corners, light[:, None] * self.colour, number)
 
 
-def _shown(bodies: Mapping[str, Body]) -> list[_Thing]:
+def _list_things(bodies: Mapping[str, Body]) -> list[_Thing]:
     """Return the bodies with a surface, each that moves in a different colour."""
     from matplotlib.colors import to_rgb
 
@@ -177,7 +177,7 @@ def _view() -> Array:
 
 def _box(things: Sequence[_Thing], time: float, view: Array) -> Array:
     """Return the corners (2, 2) of the rectangle that holds all bodies at a time."""
-    flat = [thing.placed(time).reshape(-1, 3) @ view[:2].T for thing in things]
+    flat = [thing.corners_at(time).reshape(-1, 3) @ view[:2].T for thing in things]
     low, high = (
         np.min([points.min(axis=0) for points in flat], axis=0),
         np.max([points.max(axis=0) for points in flat], axis=0),
@@ -221,7 +221,7 @@ def _add_plane(
         return
     lift = _SHADOW_HEIGHT * image.width * image.pixel
     for thing in things:
-        corners = thing.placed(time)
+        corners = thing.corners_at(time)
         heights = (corners - origin) @ normal
         is_above = (heights > 0).all(axis=1)
         flat = corners[is_above] - (heights[is_above] - lift)[:, :, None] * normal
