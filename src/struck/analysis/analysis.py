@@ -515,8 +515,8 @@ def model_of_modes(
         surface=surface,
         shapes=forms,
         mass=float(mass),
-        centre=_with_formula("centre", centre, 3),
-        inertia=_with_formula("inertia", inertia, 3, 3),
+        centre=_array_of_shape("centre", centre, 3),
+        inertia=_array_of_shape("inertia", inertia, 3, 3),
         complete_to=complete_to,
         poisson_slopes=unknown,
         errors=unknown,
@@ -526,7 +526,7 @@ def model_of_modes(
     return ModalModel.of(modes, material, radiation=radiation, lowest=0.0, places=places)
 
 
-def _with_formula(name: str, values: ArrayLike, *shape: int) -> Array:
+def _array_of_shape(name: str, values: ArrayLike, *shape: int) -> Array:
     array = numbers(name, values)
     require_numbers(name, array, shape)
     return array

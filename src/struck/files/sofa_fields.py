@@ -81,8 +81,8 @@ def save_sofa(
     """Write the gains of a model as a SOFA file of convention GeneralTF-E (AES69-2022).
 
     Contacts (P, D), coordinates of the model's field, points on its surface, m, or names, become
-    emitters; listeners (Q, 3), body coordinates, m, become measurements. Default: those that
-    were recorded. Decays are stored in an additional variable, ModeDecay; frequencies and decays
+    emitters; listeners (Q, 3), body coordinates, m, become measurements; by default the
+    recorded ones. Decays are stored in an additional variable, ModeDecay; frequencies and decays
     come back to the last bit. So do errors of frequencies (ModeError), the radius of the body
     (BodyRadius), references and notes.
     """

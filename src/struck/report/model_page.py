@@ -66,8 +66,8 @@ def summary(model: ModalModel, *, whole: bool = True) -> list[str]:
             f"residual  attack of {rounded(seconds, 2)} s, and noise after it: {size:.0f} kB"
         )
     if model.errors is not None and np.isfinite(model.errors[is_object_mode]).any():
-        percentages = 100 * model.errors[is_object_mode]
-        half, most = rounded(np.nanmedian(percentages), 2), rounded(np.nanmax(percentages), 2)
+        errors = model.errors[is_object_mode]
+        half, most = rounded(100 * np.nanmedian(errors), 2), rounded(100 * np.nanmax(errors), 2)
         lines.append(f"errors    frequencies: half within {half} %, all within {most} %")
     if material is not None:
         kind, _, values = repr(material.damping).rstrip(")").partition("(")
