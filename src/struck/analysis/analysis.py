@@ -71,7 +71,7 @@ _BAND_FACTOR = 1.15
 _MODES_NEAR_END = 10  # modes from whose errors the limit of completeness is estimated
 _CUBIC_FACTOR = 1.5  # times the functions of coarse cubic elements that fine ones have at least
 _MAX_ERROR_RATIO = 0.75  # times the errors before, or less: else more elements would not help
-CERTAIN = 2.0  # divides a forecast of memory: less than that is certainly needed
+CERTAIN = 2.0  # a body is refused if a forecast of memory, over this, exceeds the limit
 
 
 def _model_to_bytes(model: ModalModel) -> bytes:
