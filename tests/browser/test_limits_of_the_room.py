@@ -13,7 +13,7 @@ from playwright.sync_api import Browser
 
 import struck
 from struck.explorer import page_files
-from struck.explorer.jobs import PAGED
+from struck.explorer.jobs import PAGE_ENDING
 from struck.explorer.server import Explorer
 from struck.model.gains import ShapeGains
 from struck.model.mesh import Mesh
@@ -65,7 +65,7 @@ def explorer(coarse: struck.ModalModel) -> Iterator[Explorer]:
     """Yield a room of that body and two files that cannot be read."""
     with Explorer(given=[coarse] * 3, names=["skin", "damaged", "newer"]) as room:
         jobs = room._jobs.jobs
-        paths = [jobs[f"given_{number}"].path.with_suffix(PAGED) for number in (1, 2, 3)]
+        paths = [jobs[f"given_{number}"].path.with_suffix(PAGE_ENDING) for number in (1, 2, 3)]
         data = paths[0].read_bytes()
         paths[1].write_bytes(data[:-100] + b"\x01" * 100)
         paths[2].write_bytes(data.replace(b'"version":"1"', b'"version":"9"'))
@@ -172,7 +172,7 @@ def test_two_hundred_thousand_vertices_are_thinned_which_is_said_and_sound(
               return [model.vertices.length / 3, model.shapes.byteLength];
             }"""
         )
-        assert bytes_ <= 1.02 * page_files.MOST_SENT
+        assert bytes_ <= 1.02 * page_files.MAX_SENT_BYTES
         said = visit.page.locator("#object-dropped").inner_text()
         assert f"{200_000 - vertices:.0f} of 200000 vertices were left out" in said
         visit.page.keyboard.press("1")

@@ -11,10 +11,17 @@ import numpy as np
 from struck import core as binding
 from struck.ears.delay_lines import READ, hear, interpolation_kernel
 from struck.excitation.excitation import Push
-from struck.excitation.friction import Levels, Reader, Rubbed, add_reading
+from struck.excitation.friction import Levels, Reader, SlidingContact, add_reading
 from struck.excitation.roughness import Roughness
 from struck.excitation.texture import Layers, add_heights
-from struck.excitation.touch import Lines, each_sample, expected, joined, numbers_at, smoothed
+from struck.excitation.touch import (
+    Lines,
+    expect_gaps,
+    join_lines,
+    numbers_at,
+    sample_lines,
+    smooth_numbers,
+)
 from struck.live import callback, limiter, ring
 from struck.live.ears import EarsMemory
 from struck.model.arrays import AnyArray, Array, Index, Single
@@ -111,7 +118,7 @@ def rough(random: Random) -> Iterator[Array]:
     add_reading(table, turns, levels, random.normal(size=2).tolist(), out)
     yield out
     name = random.choice(["wood", "sandpaper"])
-    rubbed = Rubbed(roughness=Roughness.named(name), modulus=1e10, radius=1e-3)
+    rubbed = SlidingContact(roughness=Roughness.named(name), modulus=1e10, radius=1e-3)
     speeds, loads = 10 ** random.uniform(-300, 300, (2, random.integers(1, 40)))
     yield Reader(rubbed, 48_000).weights_at(speeds, np.minimum(loads, 1e6))
 
@@ -131,14 +138,14 @@ def textured(random: Random) -> Iterator[Array]:
 def lined(random: Random) -> Iterator[Array]:
     """Yield numbers that move in random lines."""
     (begins, lengths, lows, highs), begin, end = random_lines(random)
-    lines = begins, lengths, joined(begins, lengths, lows[0], highs), highs
+    lines = begins, lengths, join_lines(begins, lengths, lows[0], highs), highs
     columns = lows.shape[1]
-    yield each_sample(lines, begin, end, int(random.integers(1, columns + 1)))
+    yield sample_lines(lines, begin, end, int(random.integers(1, columns + 1)))
     moments = np.sort(random.integers(begin, end, random.integers(1, 9))) + 1
     yield numbers_at(lines, moments, int(random.integers(columns)))
-    yield expected(random.integers(0, 1000, random.integers(1, 9)), 40.0, 960.0, 480.0)[0]
+    yield expect_gaps(random.integers(0, 1000, random.integers(1, 9)), 40.0, 960.0, 480.0)[0]
     taps = int(random.integers(1, 99))
-    yield smoothed(random.standard_normal(taps + int(random.integers(0, 99))), np.ones(taps))
+    yield smooth_numbers(random.standard_normal(taps + int(random.integers(0, 99))), np.ones(taps))
 
 
 def shaped(random: Random) -> Iterator[Array]:

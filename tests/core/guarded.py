@@ -137,7 +137,7 @@ def install(*, last: bool) -> GuardedLibrary:
     library = binding.library()
     assert isinstance(library, ctypes.CDLL)
     guarded = GuardedLibrary(library, last=last)
-    plain = memory.laid_out
+    plain = memory.lay_out
 
     def laid_out(counts: tuple[int, ...], **sizes: int) -> tuple[AnyArray, Index]:
         reals, wholes = plain(counts, **sizes)

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from struck.excitation import friction
-from struck.excitation.friction import LIGHTEST, Levels, Reader, Rubbed
+from struck.excitation.friction import LIGHTEST, Levels, Reader, SlidingContact
 from struck.excitation.roughness import Roughness
 from tests.core.agreement import EXACT, apart, golden
 
@@ -55,7 +55,7 @@ def test_what_is_not_finite_reads_nothing_beyond_the_table() -> None:
 @pytest.mark.parametrize("name", ["sandpaper", "wood", "glass"])
 def test_weights_of_layers_as_in_plain_numpy(name: str) -> None:
     random = np.random.default_rng(2)
-    rubbed = Rubbed(roughness=Roughness.named(name), modulus=5e9, radius=2e-3)
+    rubbed = SlidingContact(roughness=Roughness.named(name), modulus=5e9, radius=2e-3)
     reader = Reader(rubbed, 48_000)
     speeds, loads = 10 ** random.uniform(-4, 3, 300), 10 ** random.uniform(-9, 6, 300)
     speeds[:9], loads[5:20] = 0, 0

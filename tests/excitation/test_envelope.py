@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.signal import welch
 
 from struck.excitation.envelope import Envelope, Roller
-from struck.excitation.friction import FOLLOWED, Rubbed
+from struck.excitation.friction import FOLLOWED_LENGTH, SlidingContact
 from struck.excitation.roughness import Roughness
 from struck.excitation.scrape import Roll
 from tests.excitation.bodies import SIZE
@@ -26,7 +26,7 @@ def heights(ways: Array) -> Array:
 
 
 def rolled(speed: float, ways: Array, load: float = 0.3) -> Array:
-    rubbed = Rubbed(roughness=FINISH, modulus=1.1e11, radius=RADIUS)
+    rubbed = SlidingContact(roughness=FINISH, modulus=1.1e11, radius=RADIUS)
     envelope = Envelope(rubbed, RATE, heights, load)
     rows = len(ways) // 64 + 2
     return envelope.squeezes(0, ways, ways, np.full(rows, speed), np.full(rows, load))
@@ -49,7 +49,7 @@ def test_a_ball_rests_where_it_touches_first() -> None:
         kernel = np.ones(2 * side + 1) / (2 * side + 1)
         return np.interp(ways, grid[400:-400], np.convolve(lifted, kernel, "same"))
 
-    wanted = mean(felt) - mean(FOLLOWED / 2)
+    wanted = mean(felt) - mean(FOLLOWED_LENGTH / 2)
     inside = (ways > 2e-3) & (ways < 0.018)
     assert np.corrcoef(found[inside], wanted[inside])[0, 1] > 0.99
 
@@ -66,7 +66,7 @@ def test_it_bridges_valleys() -> None:
 
 
 def test_the_same_place_feels_the_same_in_any_order() -> None:
-    rubbed = Rubbed(roughness=FINISH, modulus=1.1e11, radius=RADIUS)
+    rubbed = SlidingContact(roughness=FINISH, modulus=1.1e11, radius=RADIUS)
     rows = np.full(3, 0.1), np.full(3, 0.3)
     ways = [start + np.arange(1, 65) * 2e-6 for start in (0.0, 0.3, 0.1, 0.3001, 0.0)]
     envelope = Envelope(rubbed, RATE, heights, 0.3)
@@ -89,7 +89,7 @@ def test_the_roller_comes_round_and_nothing_else_does() -> None:
 def test_rolling_repeats_with_the_wheel_alone() -> None:
     """A smooth wheel on a rough plane has no period, a rough one on a smooth plane its own."""
     ways = np.arange(1, 1 << 18) * (0.5 / RATE)
-    rubbed = Rubbed(roughness=FINISH, modulus=1.1e11, radius=RADIUS)
+    rubbed = SlidingContact(roughness=FINISH, modulus=1.1e11, radius=RADIUS)
     ball = Roller(radius=RADIUS, layers=FINISH.layers(1))
     turn = round(2 * np.pi * RADIUS / 0.5 * RATE)
 

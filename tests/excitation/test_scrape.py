@@ -8,7 +8,7 @@ from scipy.integrate import quad
 from scipy.signal import welch
 
 from struck.errors import OptionError
-from struck.excitation.friction import Rubbed, patch_mean, pressure_mean
+from struck.excitation.friction import SlidingContact, patch_mean, pressure_mean
 from struck.excitation.roughness import Profile, Roughness
 from struck.excitation.scrape import Roll, Scrape
 from tests.excitation.bodies import SIZE, plate
@@ -121,7 +121,7 @@ def test_twice_the_load_on_a_rough_surface_is_louder_by_0_73_powers() -> None:
 
 
 def test_on_a_smooth_surface_the_force_is_a_share_of_hertz_s_law_times_the_height() -> None:
-    rubbed = Rubbed(roughness=SMOOTH, modulus=1e11, radius=1e-3)
+    rubbed = SlidingContact(roughness=SMOOTH, modulus=1e11, radius=1e-3)
     load = 0.7
 
     def pressed(dent: float) -> float:

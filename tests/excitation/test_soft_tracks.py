@@ -8,11 +8,11 @@ from scipy.special import erf
 
 from struck.errors import OptionError
 from struck.excitation.force_track import ForceTrack
-from struck.excitation.friction import Reader, Tool, limited
+from struck.excitation.friction import Reader, Tool, force_variation
 from struck.excitation.pulses import LEAD, SOFTNESS
 from struck.excitation.roughness import Profile
 from struck.excitation.texture import CHUNK
-from struck.excitation.touch import USUAL, TouchLog
+from struck.excitation.touch import DEFAULT_RATE, TouchLog
 from struck.model.arrays import Array
 from tests.excitation.bodies import SIZE, plate
 
@@ -66,7 +66,7 @@ def test_a_surface_sounds_as_its_reader_says(roughness: str | Profile) -> None:
     reader = Reader(Tool(roughness=roughness, striker="steel", seed=3).on(plate(8)), RATE)
     places = np.column_stack([ways, np.zeros((count, 2))])
     looks = np.full(rows, speed), np.full(rows, load)
-    expected = limited(reader.squeezes(0, places, ways, *looks), np.full(count, load))
+    expected = force_variation(reader.squeezes(0, places, ways, *looks), np.full(count, load))
     assert expected.std() > 1e-4
     assert noise == pytest.approx(expected, abs=1e-6 * expected.std())
 
@@ -109,7 +109,7 @@ def test_loads_of_a_log_are_spread_over_the_kernel_of_its_tool(kernel: str) -> N
     log = TouchLog(times=[0.0, 0.05], points=[PLACE] * 2, forces=[3.0, 3.0], tool=tool)
     push = log.begin(plate(8), RATE).advance(2400)
     # The first touch is pressed on in a straight line, as long as updates usually lie apart.
-    ramp = 3.0 * np.minimum(np.arange(1, 2401) / (RATE / USUAL), 1.0)
+    ramp = 3.0 * np.minimum(np.arange(1, 2401) / (RATE / DEFAULT_RATE), 1.0)
     assert push is not None
     wanted = heard(track(ramp, kernel=kernel, softness=2e-3), 2400 - LEAD)
     assert push.force == pytest.approx(wanted, abs=1e-12)

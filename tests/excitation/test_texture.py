@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.signal import welch
 
-from struck.excitation.friction import Reader, Rubbed, limited
+from struck.excitation.friction import Reader, SlidingContact, force_variation
 from struck.excitation.path import Path
 from struck.excitation.roughness import Roughness
 from struck.excitation.texture import CHUNK
@@ -101,14 +101,14 @@ def test_heights_are_close_to_normal() -> None:
 
 def force(name: str, *, speed: float, seconds: float, rate: float) -> Array:
     """Return the force on a straight line over an endless plane, steel on steel, 1 N."""
-    rubbed = Rubbed(roughness=Roughness.named(name), modulus=1.1e11, radius=1e-3, seed=1)
+    rubbed = SlidingContact(roughness=Roughness.named(name), modulus=1.1e11, radius=1e-3, seed=1)
     count = round(seconds * rate) // CHUNK * CHUNK
     ways = np.arange(1, count + 1) * (speed / rate)
     rows = count // CHUNK + 1
     squeezes = Reader(rubbed, rate).squeezes(
         0, np.outer(ways, [0.6, 0.8, 0.0]), ways, np.full(rows, speed), np.ones(rows)
     )
-    return limited(squeezes, np.ones(count))
+    return force_variation(squeezes, np.ones(count))
 
 
 def likeness(signal: Array, rate: float, *heard: Callable[[Array], Array]) -> list[float]:

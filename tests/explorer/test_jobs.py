@@ -105,7 +105,7 @@ def test_control_c_waits_for_the_thread_of_the_server() -> None:
 
 
 def test_object_that_fails_says_why(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from struck.explorer.jobs import _answer, _Teller
+    from struck.explorer.jobs import _answer, _ProgressWriter
 
     class Lines:
         def __init__(self) -> None:
@@ -118,7 +118,7 @@ def test_object_that_fails_says_why(tmp_path: Path, capsys: pytest.CaptureFixtur
             """Nothing is kept back."""
 
     stream = Lines()
-    teller = _Teller(stream)
+    teller = _ProgressWriter(stream)
     thing = next(thing for thing in things() if thing.name == "bar")
     answer = _answer(thing, tmp_path / "missing" / "bar.struck", teller)
     assert answer["state"] == "failed"

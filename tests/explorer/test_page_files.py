@@ -7,7 +7,7 @@ import pytest
 
 import struck
 from struck.errors import OptionError
-from struck.explorer.page_files import head_bytes, refined, thinned
+from struck.explorer.page_files import head_bytes, refined, thin_model
 from struck.files.model_file import from_bytes, to_bytes
 from struck.model.gains import ShapeGains
 from struck.model.model import ModalModel
@@ -21,12 +21,12 @@ def block() -> ModalModel:
 
 
 def sent(model: ModalModel, most: int) -> ModalModel:
-    return from_bytes(to_bytes(thinned(refined(model), most)))
+    return from_bytes(to_bytes(thin_model(refined(model), most)))
 
 
 def test_a_body_that_fits_is_sent_as_it_is(block: ModalModel) -> None:
     assert refined(block) is block
-    assert thinned(block) is block
+    assert thin_model(block) is block
 
 
 def test_a_large_body_is_sent_with_audible_modes_on_fewer_vertices_and_says_so(

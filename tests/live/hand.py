@@ -75,7 +75,7 @@ class HandPlayer(Player):
         outlet: Any = self.hand
         super().__init__(models, outlet=outlet, **options)
         self._host.queue._clock = lambda: 0.0
-        self._host.queue._emptied = 0.0
+        self._host.queue._last_run = 0.0
 
     def hear(
         self, blocks: int, between: Callable[[int], None] | None = None

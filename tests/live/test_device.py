@@ -169,7 +169,7 @@ def test_the_library_that_sounddevice_carries_is_found(
 
 
 def test_only_the_probing_is_silenced(capfd: pytest.CaptureFixture[str]) -> None:
-    with binding.silenced():
+    with binding.silence_output():
         os.write(2, b"ALSA lib: noise\n")
     os.write(2, b"news\n")
     assert capfd.readouterr().err == "news\n"

@@ -14,7 +14,7 @@ from struck.ears.listeners import Binaural, Listener, Mono, Stereo
 from struck.errors import ContactError, OptionError
 from struck.excitation.pulses import LEAD
 from struck.excitation.strike import Strike
-from struck.live.ears import FARTHEST
+from struck.live.ears import MAX_DISTANCE
 from struck.model.damping import InternalFriction
 from struck.model.gains import ShapeGains
 from struck.scene.body import Body, Scene
@@ -124,7 +124,7 @@ def test_blocks_without_news_go_on_without_a_click(by_hand: Make) -> None:
         ((1.0, 0.0, 0.0), OptionError, "keeps to ears"),
         (AHEAD, OptionError, "the player has 2 ears and field=None, the new listener 1"),
         (Stereo(position=(0.05, 0.0, 0.0)), ContactError, "inside"),
-        (Stereo(position=(FARTHEST + 1, 0.0, 0.0)), OptionError, "at most 340 m"),
+        (Stereo(position=(MAX_DISTANCE + 1, 0.0, 0.0)), OptionError, "at most 340 m"),
         (Stereo(position=([0, 1], [(1, 0, 0), (2, 0, 0)])), OptionError, "that stay"),
     ],
 )

@@ -16,7 +16,7 @@ import pytest
 import struck
 from struck.excitation.scrape import Roll, Scrape
 from struck.live import limiter
-from struck.live.keys import Robot, busy_thread, repeated
+from struck.live.keys import Robot, busy_thread, repeat_models
 from struck.model.material import Material
 from struck.model.model import ModalModel
 from tests.live.hand import BLOCK, CEILING, RATE, HandPlayer, Make, ball, by_hand
@@ -132,7 +132,7 @@ def ordeal(by_hand: Make, seconds: float, warm: float) -> int:
         now = energy(player, len(models))
         assert all(new <= old * (1 + 1e-12) for new, old in zip(now, last, strict=True))
         last = now
-    assert player._limited[limiter.REPLACED] == 0
+    assert player._limiter_state[limiter.REPLACED] == 0
     return grown
 
 
@@ -152,7 +152,7 @@ def soak(jack: Server, seconds: float) -> tuple[int, int, int, int]:
     Return underflows, those that were the server's own doing, late blocks, and strikes. It was
     heard, and hardly a strike was left out.
     """
-    models = repeated([ball(100, seed=n) for n in range(4)], 2000)
+    models = repeat_models([ball(100, seed=n) for n in range(4)], 2000)
     before = jack.late()
     with struck.play(models) as player, busy_thread():
         robot = Robot(player, models, strikes=200, scrapes=2)

@@ -320,7 +320,7 @@ def beside(player: HandPlayer, seconds: float) -> Array:
     run.start()
     give_up = time.monotonic() + 20
     while player.now < seconds and time.monotonic() < give_up:
-        known = run._engine.time if stream.zero is None else stream._decided
+        known = run._engine.time if stream.zero is None else stream._planned_end
         if run.running and known < player.now - stream.zero / RATE + 0.02:
             time.sleep(0.001)
         else:

@@ -228,7 +228,7 @@ def test_ten_minutes_of_every_touch(
         assert loudest <= CEILING, number
         heard_in += loudest > 1e-6
     assert lasting() - before < GROWTH
-    assert player._limited[limiter.REPLACED] == 0  # nor did the limiter hide any
+    assert player._limiter_state[limiter.REPLACED] == 0  # nor did the limiter hide any
     assert player.late == 0
     assert player.dropped <= DROPPED * hands.done.total()
     assert heard_in > blocks / 2

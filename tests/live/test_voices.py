@@ -13,7 +13,7 @@ import pytest
 from struck.errors import ContactError, DeviceError, OptionError
 from struck.excitation.scrape import Scrape
 from struck.excitation.touch import Touching
-from struck.live.commands import MOST_COMMANDS, CommandQueue
+from struck.live.commands import MAX_COMMANDS, CommandQueue
 from struck.live.player import Player
 from struck.live.voices import LastError
 from struck.model.model import ModalModel
@@ -60,13 +60,13 @@ def test_a_wish_that_fails_keeps_no_other_from_being_done() -> None:
 def test_what_changes_a_state_always_has_room_and_the_last_wins() -> None:
     done: list[int] = []
     queue = CommandQueue(lambda: 0.0, block=128, sample_rate=48000.0, error=LastError())
-    for number in range(MOST_COMMANDS + 10):
+    for number in range(MAX_COMMANDS + 10):
         queue.add(lambda _, number=number: done.append(number))
     assert queue.refused == 10
     for number in (-1, -2, -3):
         queue.put("state", lambda _, number=number: done.append(number))
     queue.run(0)
-    assert done == [*range(MOST_COMMANDS), -3]
+    assert done == [*range(MAX_COMMANDS), -3]
     assert queue.refused == 10
 
 
@@ -75,7 +75,7 @@ def test_a_full_queue_loses_neither_changes_nor_the_listener(by_hand: Make) -> N
     player.hear(10)
     player.strike()
     near = np.abs(player.hear(30)).max()
-    for _ in range(MOST_COMMANDS):
+    for _ in range(MAX_COMMANDS):
         player.touch("top", 0.0)
     player.listener = (100.0, 0.0, 0.0)
     left_out = player.start(Scrape(path=["top", "side"], speed=0.1, load=2.0, repeat="back"))
@@ -90,7 +90,7 @@ def test_a_full_queue_does_not_lose_a_change(by_hand: Make) -> None:
     model = ball()
     player = by_hand(model)
     player.hear(3)
-    for _ in range(MOST_COMMANDS):
+    for _ in range(MAX_COMMANDS):
         player.touch("top", 0.0)
     player.change(model.made_of(replace(STEEL, youngs_modulus=4 * STEEL.youngs_modulus)))
     player.hear(5)

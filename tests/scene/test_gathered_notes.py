@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from struck.scene.gathered_notes import gathered, listed
+from struck.scene.gathered_notes import gather_notes, list_names
 
 
 @pytest.mark.parametrize(
@@ -24,16 +24,18 @@ from struck.scene.gathered_notes import gathered, listed
     ],
 )
 def test_names_are_listed_in_words(names: list[str], words: str) -> None:
-    assert listed(names) == words
+    assert list_names(names) == words
 
 
 def test_names_may_be_quoted() -> None:
-    assert listed(["d1", "d2", "d3", "ball"], "'{}'") == "'d1' to 'd3' and 'ball'"
+    assert list_names(["d1", "d2", "d3", "ball"], "'{}'") == "'d1' to 'd3' and 'ball'"
 
 
 def test_equal_notes_become_one_line_in_the_order_of_the_first() -> None:
     notes = [("a", "its walls"), ("b", "other"), ("c", "its walls"), ("a", "its walls")]
-    assert gathered(notes) == ("a and c: their walls", "b: other")
-    assert gathered([("a", "it is silent")]) == ("a: it is silent",)
-    assert gathered([("a", "it is silent"), ("b", "it is silent")]) == ("a and b: they are silent",)
-    assert gathered([]) == ()
+    assert gather_notes(notes) == ("a and c: their walls", "b: other")
+    assert gather_notes([("a", "it is silent")]) == ("a: it is silent",)
+    assert gather_notes([("a", "it is silent"), ("b", "it is silent")]) == (
+        "a and b: they are silent",
+    )
+    assert gather_notes([]) == ()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from struck.scene.impact_detection import touches_of
+from struck.scene.impact_detection import detect_impacts
 
 Array = NDArray[np.float64]
 WEIGHT = 9.81  # N of 1 kg
@@ -17,7 +17,7 @@ def blows(impulses: Array, step: float, approach: Array | None = None) -> tuple[
     """Return how many blows a log of steps holds, their impulse, and the load at each step."""
     some = np.flatnonzero(impulses)
     coming = None if approach is None else approach[some]
-    found = touches_of(some * step, np.full(len(some), step), impulses[some], coming)
+    found = detect_impacts(some * step, np.full(len(some), step), impulses[some], coming)
     load = np.zeros(len(impulses))
     load[some] = found.load
     return found.blows, float(impulses[some] @ (found.share * (found.blow >= 0))), load
@@ -70,6 +70,6 @@ def test_two_hits_within_three_steps_are_one_blow_and_apart_two() -> None:
 
 
 def test_rows_without_a_step_are_blows_by_themselves() -> None:
-    found = touches_of(np.array([0.1, 0.1, 0.101]), np.zeros(3), np.ones(3))
+    found = detect_impacts(np.array([0.1, 0.1, 0.101]), np.zeros(3), np.ones(3))
     np.testing.assert_array_equal(found.blow, [0, 0, 1])
     assert not found.load.any()

@@ -96,7 +96,7 @@ def declare(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     """Run `struck play`."""
-    from struck.live.keys import repeated
+    from struck.live.keys import repeat_models
     from struck.scene.body import with_fewer_modes
 
     _require_counts(options)
@@ -108,7 +108,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         refuse(options, others, "is what --soak chooses itself: leave out --soak")
     models, notes = with_fewer_modes(list(map(struck.load, options.models)), options.modes)
     if options.soak is not None:
-        models = repeated(models or [_usual_model()], _SOAK_MODES)
+        models = repeat_models(models or [_usual_model()], _SOAK_MODES)
         options.seconds, options.busy = options.soak, True
         options.strikes, options.scrapes = _SOAK_STRIKES, _SOAK_SCRAPES
     if not models:
@@ -150,7 +150,7 @@ def _play(
     end = time.monotonic() + (math.inf if options.seconds is None else options.seconds)
     start = time.monotonic()
     places = places_by_key(models[0])
-    with terminal_keys() as keys, busy_thread(wanted=options.busy):
+    with terminal_keys() as keys, busy_thread(is_busy=options.busy):
         _explain(player, places)
         try:
             typed = _loop(player, keys, places, robot, end)

@@ -131,14 +131,16 @@ def _opened(chosen: str) -> ctypes.CDLL:
     targets = TARGETS.get(this_platform())
     if not targets:
         raise OSError(f"there is none for {this_platform()}")
-    lowest = _checked(targets[0].name + targets[0].ending)
-    level = lowest.core_level()
+    base_library = _checked(targets[0].name + targets[0].ending)
+    level = base_library.core_level()
     if level == 0:
-        return lowest
-    wanted = int(chosen[1:]) if chosen else min(level, 4)
-    if not 2 <= wanted <= level:
-        raise OSError(f"it asks for a processor of x86-64-v{max(wanted, 2)}, this is a v{level}")
-    return _checked(f"core_v{wanted}{targets[0].ending}")
+        return base_library
+    target_level = int(chosen[1:]) if chosen else min(level, 4)
+    if not 2 <= target_level <= level:
+        raise OSError(
+            f"it asks for a processor of x86-64-v{max(target_level, 2)}, this is a v{level}"
+        )
+    return _checked(f"core_v{target_level}{targets[0].ending}")
 
 
 def _checked(name: str, folder: Path = _LIBRARIES) -> ctypes.CDLL:
@@ -148,19 +150,19 @@ def _checked(name: str, folder: Path = _LIBRARIES) -> ctypes.CDLL:
     path = folder / name
     if not path.is_file():
         raise OSError(f"{path} is missing")
-    opened = ctypes.CDLL(str(path))
+    loaded_library = ctypes.CDLL(str(path))
     try:
         for entry, signature in SIGNATURES.items():
             arguments, result = signature.split(" ")
-            function = getattr(opened, entry)
+            function = getattr(loaded_library, entry)
             function.argtypes = [_TYPES[letter] for letter in arguments]
             function.restype = _TYPES[result]
-        matches = opened.core_fingerprint() == fingerprint()
+        is_current = loaded_library.core_fingerprint() == fingerprint()
     except AttributeError:
-        matches = False
-    if not matches:
+        is_current = False
+    if not is_current:
         raise OSError(f"{path} is of other sources than those beside it")
-    return opened
+    return loaded_library
 
 
 def _warn(reason: str) -> None:
@@ -176,8 +178,8 @@ def _warn(reason: str) -> None:
 @cache
 def entry(name: str) -> Callable[..., Any] | None:
     """Return a compiled loop by its name in the library; None where there is no library."""
-    opened = library()
-    return None if opened is None else getattr(opened, name)
+    core_library = library()
+    return None if core_library is None else getattr(core_library, name)
 
 
 def compiled(name: str) -> Callable[..., Any]:

@@ -26,7 +26,7 @@ LIBRARIES = HERE / "libraries"
 SUMS = ("-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math", "-ffp-contract=fast")
 COMMON = ("-std=c11", "-O3", "-fno-math-errno", "-fno-sanitize=all", "-fvisibility=hidden", "-g0")
 WARNINGS = ("-Wall", "-Wextra", "-Werror")
-STRICT = frozenset(
+STRICT_FILES = frozenset(
     {"limiter", "queue", "callback", "recorder"}
 )  # without rearranged arithmetic: each step rounds as written
 # What the page runs, and how: few bytes, but for the loops in which time goes. With -Os, ears took
@@ -42,7 +42,7 @@ PAGE = {
 PAGES = "wasm32"  # its platform
 # How libraries are linked, by their endings; that of the page imports nothing, and so needs no C
 # library, which would take a minute to compile.
-LINKED = {
+LINK_FLAGS = {
     ".so": ("-shared", "-lm"),
     ".dylib": ("-shared", "-lm"),
     ".dll": ("-shared",),
@@ -92,13 +92,13 @@ def this_platform() -> str:
 
 def sources(target: Target) -> list[Path]:
     """Return the C files that a library is made of."""
-    every = sorted(HERE.glob("*.c"))
-    return [path for path in every if target.ending != ".wasm" or path.stem in PAGE]
+    files = sorted(HERE.glob("*.c"))
+    return [path for path in files if target.ending != ".wasm" or path.stem in PAGE]
 
 
 def fingerprint() -> int:
     """Return a number of 63 bits that changes with every C file, header and flag."""
-    digest = hashlib.sha256(repr((SUMS, COMMON, sorted(STRICT), PAGE)).encode())
+    digest = hashlib.sha256(repr((SUMS, COMMON, sorted(STRICT_FILES), PAGE)).encode())
     for path in sorted((*HERE.glob("*.c"), *HERE.glob("*.h"))):
         digest.update(path.name.encode() + path.read_bytes().replace(b"\r\n", b"\n"))
     return int.from_bytes(digest.digest()[:8], "little") >> 1
@@ -121,9 +121,11 @@ def build(
     """
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as scratch:
-        made = [_library(target, Path(scratch), run or _run) for target in TARGETS.get(name, [])]
-        places = [folder / path.name for path in made]
-        for path, place in zip(made, places, strict=True):
+        libraries = [
+            _library(target, Path(scratch), run or _run) for target in TARGETS.get(name, [])
+        ]
+        places = [folder / path.name for path in libraries]
+        for path, place in zip(libraries, places, strict=True):
             part = place.with_name(f".{place.name}.{os.getpid()}")
             shutil.copyfile(path, part)
             part.replace(place)
@@ -139,7 +141,7 @@ def _library(target: Target, scratch: Path, run: Callable[[list[str]], None]) ->
     link = ["-target", target.triple.replace("wasi", "freestanding"), "-s", "-o", str(library)]
     if target.ending == ".dylib":  # which is called as it was made, unless it has a name
         link += [f"-Wl,-install_name,@rpath/{library.name}"]
-    run([*compiler(), *link, *_objects(target, scratch), *LINKED[target.ending]])
+    run([*compiler(), *link, *_objects(target, scratch), *LINK_FLAGS[target.ending]])
     return library
 
 
@@ -148,24 +150,24 @@ def _objects(target: Target, scratch: Path) -> Iterator[str]:
 
 
 def _compilations(target: Target, scratch: Path) -> Iterable[list[str]]:
-    for source, made in zip(sources(target), _objects(target, scratch), strict=True):
-        sums = ("-ffp-contract=off",) if source.stem in STRICT else SUMS
+    for source, object_path in zip(sources(target), _objects(target, scratch), strict=True):
+        sums = ("-ffp-contract=off",) if source.stem in STRICT_FILES else SUMS
         size = PAGE[source.stem] if target.ending == ".wasm" else ()
         position = ("-fPIC",) if target.ending in {".so", ".dylib"} else ()
         options = (*COMMON, *WARNINGS, *sums, *size, *position, f"-DFINGERPRINT={fingerprint()}LL")
         aim = ("-target", target.triple, f"-mcpu={target.processor}")
-        yield [*compiler(), *aim, *options, "-c", str(source), "-o", made]
+        yield [*compiler(), *aim, *options, "-c", str(source), "-o", object_path]
 
 
 def _run(command: list[str]) -> None:
-    done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603 - zig
-    if "No module named ziglang" in done.stderr:
+    result = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603 - zig
+    if "No module named ziglang" in result.stderr:
         raise RuntimeError(
             "the C compiler of the package ziglang is missing: pip install ziglang (it needs the "
             "network once), or install a finished wheel of struck"
         )
-    if done.returncode:
-        raise RuntimeError(f"{' '.join(command)}\n{done.stderr}")
+    if result.returncode:
+        raise RuntimeError(f"{' '.join(command)}\n{result.stderr}")
 
 
 if __name__ == "__main__":

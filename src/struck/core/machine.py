@@ -14,8 +14,8 @@ from struck.errors import OptionError
 
 GIB = 2**30
 THREADS = "STRUCK_THREADS"  # variable of the environment
-_Given = ParamSpec("_Given")
-_Made = TypeVar("_Made")
+_Arguments = ParamSpec("_Arguments")
+_Result = TypeVar("_Result")
 
 
 def thread_count() -> int:
@@ -23,27 +23,29 @@ def thread_count() -> int:
 
     STRUCK_THREADS tells, or else OMP_NUM_THREADS.
     """
-    wanted = os.environ.get("OMP_NUM_THREADS", "")
-    own = int(wanted) if wanted.isdigit() and int(wanted) > 0 else min(cores(), 4)
-    return threads_told() or own
+    setting = os.environ.get("OMP_NUM_THREADS", "")
+    count = int(setting) if setting.isdigit() and int(setting) > 0 else min(cores(), 4)
+    return threads_told() or count
 
 
 def threads_told() -> int | None:
     """Return the number of threads in STRUCK_THREADS, None where it is not set."""
-    told = os.environ.get(THREADS, "")
-    if told and not (told.isdecimal() and 0 < int(told) <= 1024):
-        raise OptionError(f"{THREADS} is {told!r}: set a whole number from 1 to 1024, or unset it")
-    return int(told) if told else None
+    setting = os.environ.get(THREADS, "")
+    if setting and not (setting.isdecimal() and 0 < int(setting) <= 1024):
+        raise OptionError(
+            f"{THREADS} is {setting!r}: set a whole number from 1 to 1024, or unset it"
+        )
+    return int(setting) if setting else None
 
 
-def in_few_threads(work: Callable[_Given, _Made]) -> Callable[_Given, _Made]:
+def in_few_threads(work: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
     """Let matrix products within a function use one thread, or as many as STRUCK_THREADS says."""
 
     # Blocks of vectors are many and small: more threads mostly wait, busily (`bench/threads.py`).
     @functools.wraps(work)
-    def limited(*given: _Given.args, **named: _Given.kwargs) -> _Made:
+    def limited(*arguments: _Arguments.args, **keywords: _Arguments.kwargs) -> _Result:
         with threadpool_limits(threads_told() or 1, user_api="blas"):
-            return work(*given, **named)
+            return work(*arguments, **keywords)
 
     return limited
 
@@ -83,9 +85,9 @@ def _free_in_groups(root: Path) -> list[int]:
         group = top / path.lstrip("/")
         for folder in (group, *group.parents):
             if folder.is_relative_to(top):
-                limit, used = (_number(folder / name) for name in names)
-                if limit is not None and used is not None:
-                    free.append(limit - used + _given_back(folder))
+                limit, usage = (_number(folder / name) for name in names)
+                if limit is not None and usage is not None:
+                    free.append(limit - usage + _given_back(folder))
     return free
 
 

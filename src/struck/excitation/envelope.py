@@ -20,19 +20,21 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import grey_dilation
 
-from struck.excitation.friction import FOLLOWED, LIGHTEST, Rubbed
+from struck.excitation.friction import FOLLOWED_LENGTH, LIGHTEST, SlidingContact
 from struck.excitation.texture import CHUNK, Layers
 from struck.model.arrays import Array
 
 _WAVES = 240  # around the roller, the more the lower, and at least 2: one would be off its axle
 _POINTS = 1 << 14  # around it
-_RANGE = 6.0  # rms heights from valley to peak
-_WIDEST = 400  # grid points that a peak reaches to each side
-_FINEST = 2e-6  # m, of the grid
-_SLAB = 2048  # grid points that are added at once
-_FASTEST = 64  # grid points a sample: what is faster is not heard
-_WITHIN = np.sqrt(3 / 5)  # half width of a mean as wide as that over the pressure, of its radius
-_SAMPLED = 8192  # grid points whose heights give the mean square
+_HEIGHT_RANGE = 6.0  # rms heights from valley to peak
+_MAX_REACH_POINTS = 400  # grid points that a peak reaches to each side
+_MIN_STEP = 2e-6  # m, of the grid
+_SLAB_POINTS = 2048  # grid points that are added at once
+_MAX_POINTS_PER_SAMPLE = 64  # grid points a sample: what is faster is not heard
+_MEAN_RADIUS_RATIO = np.sqrt(
+    3 / 5
+)  # half width of a mean as wide as that over the pressure, of its radius
+_SAMPLED_POINTS = 8192  # grid points whose heights give the mean square
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -54,20 +56,20 @@ class Roller:
         outline = np.fft.irfft(waves)
         object.__setattr__(self, "outline", outline * (self.roundness / outline.std()))
 
-    def heights(self, ways: Array) -> Array:
+    def heights(self, distances: Array) -> Array:
         """Return how far its surface is out where it touches after rolling (n,), m."""
-        turns = ways / self.radius
-        places = np.stack([np.cos(turns), np.sin(turns), np.zeros(len(turns))], axis=1)
-        found = self.layers.at(self.radius * places)
-        points = turns * (_POINTS / 2 / np.pi)
-        found += np.interp(points, np.arange(_POINTS), self.outline, period=_POINTS)
+        angles = distances / self.radius
+        places = np.stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))], axis=1)
+        heights = self.layers.at(self.radius * places)
+        points = angles * (_POINTS / 2 / np.pi)
+        heights += np.interp(points, np.arange(_POINTS), self.outline, period=_POINTS)
         chord = np.sqrt(8 * self.radius * self.flat)
         if chord:
-            around = 2 * np.pi * self.radius
-            from_middle = ((ways / around) % 1 - 0.5) * around / chord
-            inside = np.abs(from_middle) < 0.5
-            found -= np.where(inside, self.flat * np.cos(np.pi * from_middle) ** 2, 0.0)
-        return found
+            circumference = 2 * np.pi * self.radius
+            chord_position = ((distances / circumference) % 1 - 0.5) * circumference / chord
+            is_inside = np.abs(chord_position) < 0.5
+            heights -= np.where(is_inside, self.flat * np.cos(np.pi * chord_position) ** 2, 0.0)
+        return heights
 
 
 class Envelope:
@@ -75,23 +77,27 @@ class Envelope:
 
     def __init__(
         self,
-        rubbed: Rubbed,
+        sliding: SlidingContact,
         sample_rate: float,
         heights: Callable[[Array], Array],  # m, of both surfaces together, after distances, m
         load: float,  # N, for which the grid is made
     ) -> None:
-        self._rubbed, self._rate, self._heights = rubbed, sample_rate, heights
-        contact = float(rubbed.contact_radius(np.array(max(load, LIGHTEST))))
-        coarse = heights(np.linspace(0, 0.1, _SAMPLED))
-        reach = np.sqrt(2 * rubbed.radius * _RANGE * max(float(coarse.std()), 1e-12))
-        self._step = max(contact / 6, _FINEST, reach / _WIDEST)
+        self._sliding, self._rate, self._heights = sliding, sample_rate, heights
+        contact = float(sliding.contact_radius(np.array(max(load, LIGHTEST))))
+        coarse_heights = heights(np.linspace(0, 0.1, _SAMPLED_POINTS))
+        reach = np.sqrt(
+            2 * sliding.radius * _HEIGHT_RANGE * max(float(coarse_heights.std()), 1e-12)
+        )
+        self._step = max(contact / 6, _MIN_STEP, reach / _MAX_REACH_POINTS)
         self._side = max(1, int(np.ceil(reach / self._step)))
-        apart = np.arange(-self._side, self._side + 1) * self._step
-        self._cap = -np.square(apart) / (2 * rubbed.radius)
+        offsets = np.arange(-self._side, self._side + 1) * self._step
+        self._cap = -np.square(offsets) / (2 * sliding.radius)
         self._first = 0  # number of the first grid point kept
         self._sums = np.zeros(0)  # integral of the envelope up to each, in steps
-        length = _SAMPLED * self._step
-        self._felt = float(self._waves(np.linspace(0, length, _SAMPLED), contact * _WITHIN).std())
+        length = _SAMPLED_POINTS * self._step
+        self._rms_height = float(
+            self._waves(np.linspace(0, length, _SAMPLED_POINTS), contact * _MEAN_RADIUS_RATIO).std()
+        )
         self._restart(0)
 
     def squeezes(
@@ -99,44 +105,46 @@ class Envelope:
     ) -> Array:
         """Return the squeeze y (n,) of the dent, as `Reader.squeezes` does."""
         del places
-        passed = (ways[-1] - ways[0]) / self._step
-        if not passed < _FASTEST * len(ways):
+        passed_points = (ways[-1] - ways[0]) / self._step
+        if not passed_points < _MAX_POINTS_PER_SAMPLE * len(ways):
             return np.zeros(len(ways))
         numbers = (first + np.arange(1.0, len(ways) + 1)) / CHUNK
         rows = np.arange(len(speeds))
-        contact = _WITHIN * self._rubbed.contact_radius(np.maximum(loads, LIGHTEST))
+        contact = _MEAN_RADIUS_RATIO * self._sliding.contact_radius(np.maximum(loads, LIGHTEST))
         halves = np.maximum(contact, speeds / self._rate)
-        scale = self._rubbed.scale(np.array(self._felt), speeds, loads)
+        scale = self._sliding.scale(np.array(self._rms_height), speeds, loads)
         half, factor = (np.interp(numbers, rows, course) for course in (halves, scale))
         return factor * self._waves(ways, half)
 
-    def _waves(self, ways: Array, half: Array | float) -> Array:
+    def _waves(self, distances: Array, half: Array | float) -> Array:
         """Return the envelope (n,), averaged over `half` m to each side, less its slow part."""
-        return self._mean(ways, half) - self._mean(ways, FOLLOWED / 2)
+        return self._mean(distances, half) - self._mean(distances, FOLLOWED_LENGTH / 2)
 
-    def _mean(self, ways: Array, half: Array | float) -> Array:
-        widest = max(float(np.max(half)), FOLLOWED)
-        self._cover(float(ways.min()) - widest, float(ways.max()) + widest)
-        ahead, behind = (self._sum(ways + side * half) for side in (1, -1))
-        return (ahead - behind) * self._step / (2 * np.asarray(half))
+    def _mean(self, distances: Array, half: Array | float) -> Array:
+        max_half_width = max(float(np.max(half)), FOLLOWED_LENGTH)
+        self._cover(
+            float(distances.min()) - max_half_width, float(distances.max()) + max_half_width
+        )
+        upper_sums, lower_sums = (self._sum(distances + side * half) for side in (1, -1))
+        return (upper_sums - lower_sums) * self._step / (2 * np.asarray(half))
 
-    def _sum(self, ways: Array) -> Array:
-        numbers = ways / self._step - self._first
+    def _sum(self, distances: Array) -> Array:
+        numbers = distances / self._step - self._first
         return np.interp(numbers, np.arange(len(self._sums)), self._sums)
 
-    def _cover(self, begin: float, end: float) -> None:
+    def _cover(self, start: float, end: float) -> None:
         """Extend the grid over a stretch of the way, and drop the part far behind it."""
-        low, high = int(np.floor(begin / self._step)), int(np.ceil(end / self._step)) + 1
+        low, high = int(np.floor(start / self._step)), int(np.ceil(end / self._step)) + 1
         last = self._first + len(self._sums)
         if low < self._first or low > last:
             self._restart(low)
             last = low
         if high >= last:
-            slabs = -(-(high + 1 - last) // _SLAB)
-            self._extend(last, slabs * _SLAB)
-        spare = low - self._first
-        if spare > 4 * _SLAB:
-            self._first, self._sums = low, self._sums[spare:].copy()
+            slabs = -(-(high + 1 - last) // _SLAB_POINTS)
+            self._extend(last, slabs * _SLAB_POINTS)
+        spare_points = low - self._first
+        if spare_points > 4 * _SLAB_POINTS:
+            self._first, self._sums = low, self._sums[spare_points:].copy()
 
     def _restart(self, number: int) -> None:
         self._first, self._sums = number, np.zeros(0)
@@ -145,7 +153,7 @@ class Envelope:
         numbers = np.arange(number - self._side, number + count + self._side, dtype=np.float64)
         heights = self._heights(numbers * self._step)
         cap: Any = self._cap  # as types know whole numbers alone
-        found = grey_dilation(heights, size=(len(cap),), structure=cap, mode="nearest")
-        envelope = found[self._side : self._side + count]
-        before = self._sums[-1] if len(self._sums) else 0.0
-        self._sums = np.concatenate([self._sums, before + np.cumsum(envelope)])
+        dilated_heights = grey_dilation(heights, size=(len(cap),), structure=cap, mode="nearest")
+        envelope = dilated_heights[self._side : self._side + count]
+        base_sum = self._sums[-1] if len(self._sums) else 0.0
+        self._sums = np.concatenate([self._sums, base_sum + np.cumsum(envelope)])

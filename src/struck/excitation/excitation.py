@@ -24,11 +24,11 @@ from struck.model.model import ModalModel
 
 _RINGS, _SPOKES = 4, 12
 # Above and up to which numbers of these names go: they are squared, divided by, or counted by.
-_LARGEST = 1e100
-HEAVIEST = 1e6  # N, the largest load
+_MAX_MAGNITUDE = 1e100
+MAX_LOAD = 1e6  # N, the largest load
 _BOUNDS = {
     "duration": (0.0, 60.0),  # s
-    "load": (0.0, HEAVIEST),
+    "load": (0.0, MAX_LOAD),
     "radius": (1e-7, 1e6),  # m
     "rise": (0.0, 60.0),  # s
     "sample_rate": (1.0, 1e6),  # Hz
@@ -116,7 +116,7 @@ class Burst:
     ) -> None:
         self._samples = samples
         self._drive = drive
-        self._now = start
+        self._next_sample = start
         self._contact, self._patch = contact, patch
 
     @classmethod
@@ -130,19 +130,19 @@ class Burst:
 
     def wait(self, block: int) -> int:
         """Go on to the block of `block` samples in which the force begins; return its first one."""
-        self._now += max(0, self._samples.first - self._now) // block * block
-        return self._now
+        self._next_sample += max(0, self._samples.first - self._next_sample) // block * block
+        return self._next_sample
 
     def advance(self, length: int) -> Push | None:
         """Return the push of the next `length` samples, None where there is no force in them."""
-        offset = self._now - self._samples.first
-        self._now += length
+        offset = self._next_sample - self._samples.first
+        self._next_sample += length
         part = self._samples.force[max(offset, 0) : max(offset + length, 0)]
         if not len(part):
             return None
         force = np.zeros(length)
-        begin = max(-offset, 0)
-        force[begin : begin + len(part)] = part
+        first = max(-offset, 0)
+        force[first : first + len(part)] = part
         return Push(force=force, drive=self._drive)
 
     def change(self, model: ModalModel) -> None:
@@ -153,7 +153,7 @@ class Burst:
     @property
     def finished(self) -> bool:
         """Whether no force will come any more."""
-        return self._now >= self._samples.first + len(self._samples.force)
+        return self._next_sample >= self._samples.first + len(self._samples.force)
 
 
 @checked
@@ -210,8 +210,8 @@ class Hold:
         """
         contact = model.contact(self.at)
         points, weights = _patch(model, contact.point, contact.normal, self.patch)
-        moved = np.tensordot(weights, model.gains.motion(points), 1)
-        return _finite_gains(self.grip / 2 * np.square(moved).sum(axis=0)).reshape(-1)
+        mean_motion = np.tensordot(weights, model.gains.motion(points), 1)
+        return _require_finite_gains(self.grip / 2 * np.square(mean_motion).sum(axis=0)).reshape(-1)
 
 
 def drive(model: ModalModel, contact: Contact, *, radius: float = 0.0) -> Array:
@@ -240,8 +240,8 @@ def _patch(model: ModalModel, point: Array, normal: Array, radius: float) -> tup
             "no surface: leave patch= out"
         )
     if model.geometry is not None and radius > model.geometry.extent:
-        most = f"{rounded(model.geometry.extent, 3)} m, as wide as the body is"
-        raise OptionError(f"patch is {radius} m: give at most {most}")
+        limit = f"{rounded(model.geometry.extent, 3)} m, as wide as the body is"
+        raise OptionError(f"patch is {radius} m: give at most {limit}")
     places, weights = _disc()
     axis = np.zeros(3)
     axis[np.argmin(np.abs(normal))] = 1.0
@@ -265,38 +265,40 @@ def drives_at(
     if not radius:
         return _drives(model, points, directions, faces)
     places = zip(points, directions, strict=True)
-    return np.stack([drive_at(model, at, -way, way, radius=radius) for at, way in places])
+    return np.stack(
+        [drive_at(model, at, -direction, direction, radius=radius) for at, direction in places]
+    )
 
 
 def _drives(
     model: ModalModel, points: Array, directions: Array, faces: Index | None = None
 ) -> Array:
     """Return the drives (K, M) of pushes at points (K, D) along directions (3,) or (K, 3)."""
-    gains, ways = model.gains, directions
-    if ways.shape != (len(points), 3):
-        ways = np.broadcast_to(ways, (len(points), 3))
+    gains, row_directions = model.gains, directions
+    if row_directions.shape != (len(points), 3):
+        row_directions = np.broadcast_to(row_directions, (len(points), 3))
     if faces is not None and isinstance(gains, ShapeGains):
-        drives = gains.at(points, ways, faces)
+        drives = gains.at(points, row_directions, faces)
     else:
-        drives = gains.at(points, ways)
+        drives = gains.at(points, row_directions)
     if drives.shape[1] != 1:
         raise OptionError(
             f"the gains are a sum of {drives.shape[1]} products of contact and listener, and a "
             "push needs one: begin on the model's expanded() copy, as render and play do"
         )
-    driven = _finite_gains(drives)[:, 0]
+    mode_drives = _require_finite_gains(drives)[:, 0]
     if model.recoil is None:
-        return driven
-    return np.concatenate([driven, model.recoil.drives(ways)], axis=1)
+        return mode_drives
+    return np.concatenate([mode_drives, model.recoil.drives(row_directions)], axis=1)
 
 
-def _finite_gains(drives: Array) -> Array:
+def _require_finite_gains(drives: Array) -> Array:
     """Return drives (..., M), or raise an OptionError unless all are finite."""
-    finite = np.isfinite(np.vdot(drives, drives)) or np.isfinite(drives)
-    if not np.all(finite):
-        wrong = np.count_nonzero(~finite.all(axis=tuple(range(drives.ndim - 1))))
+    is_finite = np.isfinite(np.vdot(drives, drives)) or np.isfinite(drives)
+    if not np.all(is_finite):
+        invalid_count = np.count_nonzero(~is_finite.all(axis=tuple(range(drives.ndim - 1))))
         raise OptionError(
-            f"{wrong} of {drives.shape[-1]} modes have gains that are not finite: "
+            f"{invalid_count} of {drives.shape[-1]} modes have gains that are not finite: "
             "analyze the body again, or look at its model file"
         )
     return drives
@@ -307,8 +309,8 @@ def _disc() -> tuple[Array, Array]:
     """Return points (K, 2) and weights (K,) that average over the unit disc to degree 7."""
     nodes, weights = np.polynomial.legendre.leggauss(_RINGS)
     radii = np.sqrt((nodes + 1) / 2)
-    turns = 2 * np.pi * np.arange(_SPOKES) / _SPOKES
-    rim = np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    angles = 2 * np.pi * np.arange(_SPOKES) / _SPOKES
+    rim = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     points = (radii[:, None, None] * rim).reshape(-1, 2)
     return points, np.repeat(weights / 2 / _SPOKES, _SPOKES)
 
@@ -354,7 +356,7 @@ def _require(name: str, value: float) -> float:
         number = float(value)
     except (TypeError, ValueError) as error:
         raise OptionError(f"{name} is {value!r}: give a number") from error
-    require_number(name, number, 0.0, _BOUNDS.get(name, (0.0, _LARGEST))[1])
+    require_number(name, number, 0.0, _BOUNDS.get(name, (0.0, _MAX_MAGNITUDE))[1])
     return number
 
 
@@ -364,13 +366,13 @@ def freeze_place(excitation: _Placed, *names: str) -> None:
     if at is not None and not isinstance(at, str):
         object.__setattr__(excitation, "at", coordinates("at", at))
     for name in names:
-        given = getattr(excitation, name)
-        if given is not None:
-            wanted = "a vector (x, y, z) with a length"
-            vector = _finite(name, given, wanted)
+        value = getattr(excitation, name)
+        if value is not None:
+            hint = "a vector (x, y, z) with a length"
+            vector = _require_finite_vector(name, value, hint)
             length = float(np.linalg.norm(vector))
             if len(vector) != 3 or not length:
-                raise OptionError(f"{name} is {given!r}: give {wanted}")
+                raise OptionError(f"{name} is {value!r}: give {hint}")
             object.__setattr__(excitation, name, tuple(part / length for part in vector))
 
 
@@ -378,36 +380,40 @@ def require_positive(**numbers: float | None) -> None:
     """Raise an OptionError unless each number is finite and above 0, or None."""
     for name, value in numbers.items():
         if value is not None:
-            least, most = _BOUNDS.get(name, (0.0, _LARGEST))
-            wanted = f"it must be a finite number above {rounded(least)}"
-            require_number(name, value, least, most, above=True, hint=wanted)
+            min_value, max_value = _BOUNDS.get(name, (0.0, _MAX_MAGNITUDE))
+            hint = f"it must be a finite number above {rounded(min_value)}"
+            require_number(name, value, min_value, max_value, above=True, hint=hint)
 
 
 def require_at_least_zero(**numbers: float | None) -> None:
     """Raise an OptionError unless each number is finite and at least 0, or None."""
     for name, value in numbers.items():
         if value is not None:
-            require_number(name, value, 0.0, _BOUNDS.get(name, (0.0, _LARGEST))[1])
+            require_number(name, value, 0.0, _BOUNDS.get(name, (0.0, _MAX_MAGNITUDE))[1])
 
 
 def require_finite(**numbers: float) -> None:
     """Raise an OptionError unless each number is finite."""
     for name, value in numbers.items():
-        require_number(name, value, -_LARGEST, _LARGEST, hint="it must be a finite number")
+        require_number(
+            name, value, -_MAX_MAGNITUDE, _MAX_MAGNITUDE, hint="it must be a finite number"
+        )
 
 
 def coordinates(name: str, values: object) -> tuple[float, ...]:
     """Return one to three finite numbers as a tuple, or raise an OptionError."""
-    return _finite(name, values, "one to three finite coordinates in m, or the name of a place")
+    return _require_finite_vector(
+        name, values, "one to three finite coordinates in m, or the name of a place"
+    )
 
 
-def _finite(name: str, values: object, wanted: str) -> tuple[float, ...]:
+def _require_finite_vector(name: str, values: object, hint: str) -> tuple[float, ...]:
     try:
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise OptionError(f"{name} is {values!r}: give {wanted}") from error
+        raise OptionError(f"{name} is {values!r}: give {hint}") from error
     if array.ndim != 1 or not 1 <= array.size <= 3 or not np.isfinite(array).all():
-        raise OptionError(f"{name} is {values!r}: give {wanted}")
+        raise OptionError(f"{name} is {values!r}: give {hint}")
     return tuple(array.tolist())
 
 
@@ -417,7 +423,7 @@ class _Placed(Protocol):
 
 
 def require_kernel(
-    kernel: str | None, softness: float | None, longest: float = _LARGEST
+    kernel: str | None, softness: float | None, longest: float = _MAX_MAGNITUDE
 ) -> str | None:
     """Return the name of the pulse that forces are spread over, or raise an OptionError."""
     require_positive(softness=softness)

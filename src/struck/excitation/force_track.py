@@ -21,7 +21,7 @@ from struck.excitation.excitation import (
     require_kernel,
     require_positive,
 )
-from struck.excitation.friction import Reader, Tool, limited
+from struck.excitation.friction import Reader, Tool, force_variation
 from struck.excitation.pulses import SOFTNESS, Samples, softened
 from struck.excitation.roughness import Finish
 from struck.excitation.texture import CHUNK
@@ -32,9 +32,9 @@ from struck.model.contact import Place
 from struck.model.model import ModalModel
 
 # Samples of silence put before a track, so that resampling may ring ahead of it.
-_AHEAD = 16
-_COARSEST_RATIO = 1 << 16
-_AT_ONCE = 750 * CHUNK  # samples of a surface that are read at once
+_LEAD_SAMPLES = 16
+_MAX_DENOMINATOR = 1 << 16
+_BLOCK_SAMPLES = 750 * CHUNK  # samples of a surface that are read at once
 
 
 @checked
@@ -111,7 +111,7 @@ class ForceTrack:
         require_positive(sample_rate=self.sample_rate)
         require_finite(gain=self.gain)
         require_at_least_zero(time=self.time, patch=self.patch)
-        samples, rate = _given(self.force, self.sample_rate)
+        samples, rate = _read_force(self.force, self.sample_rate)
         samples.setflags(write=False)
         object.__setattr__(self, "force", samples)
         object.__setattr__(self, "sample_rate", rate)
@@ -156,40 +156,42 @@ class ForceTrack:
 
     def sampled(self, sample_rate: float) -> Samples:
         """Return the force at a `sample_rate`, Hz, in N, without frequencies above its half."""
-        own = np.asarray(self.force, np.float64) * self.gain
-        ahead, values = _resampled(own, float(self.sample_rate or sample_rate), sample_rate)
-        given = Samples(first=round(self.time * sample_rate) - ahead, force=values)
+        forces = np.asarray(self.force, np.float64) * self.gain
+        lead_count, values = _resample(forces, float(self.sample_rate or sample_rate), sample_rate)
+        track = Samples(first=round(self.time * sample_rate) - lead_count, force=values)
         if self.kernel is None:
-            return given
+            return track
         duration = self.softness or SOFTNESS
-        return softened(given, shape=self.kernel, duration=duration, sample_rate=sample_rate)
+        return softened(track, shape=self.kernel, duration=duration, sample_rate=sample_rate)
 
     def _noise(self, samples: Samples, model: ModalModel, sample_rate: float) -> Array:
         """Return the force of the surface under the pushes of the track, N (n,)."""
         loads = np.maximum(samples.force, 0.0)
-        starts = np.arange(0, len(loads), CHUNK)
+        start_samples = np.arange(0, len(loads), CHUNK)
         # The heaviest load near a look counts, so that no blow falls between two of them.
-        heaviest = np.maximum.reduceat(loads, starts)
-        held = np.maximum(np.append(heaviest, 0.0), np.append(0.0, heaviest))
-        looks = np.append(starts, starts[-1] + CHUNK)
-        times = np.maximum(0.0, (samples.first + looks) / sample_rate - self.time)
+        max_loads = np.maximum.reduceat(loads, start_samples)
+        control_loads = np.maximum(np.append(max_loads, 0.0), np.append(0.0, max_loads))
+        control_samples = np.append(start_samples, start_samples[-1] + CHUNK)
+        times = np.maximum(0.0, (samples.first + control_samples) / sample_rate - self.time)
         speed = follow("speed", self.speed or 0.0)
         speeds = np.array([speed(time) for time in times.tolist()])
         reader = Reader(self._tool().on(model), sample_rate)
-        squeezes, way = np.empty(len(loads)), 0.0
-        for first in range(0, len(loads), _AT_ONCE):
-            numbers = np.arange(first, min(first + _AT_ONCE, len(loads)))
+        compressions, distance = np.empty(len(loads)), 0.0
+        for first in range(0, len(loads), _BLOCK_SAMPLES):
+            numbers = np.arange(first, min(first + _BLOCK_SAMPLES, len(loads)))
             rows = slice(first // CHUNK, numbers[-1] // CHUNK + 2)
-            paces = np.interp(numbers, looks[rows], speeds[rows])
-            ways = way + np.cumsum(paces) / sample_rate
-            places = np.zeros((len(ways), 3))
-            places[:, 0] = ways
-            squeezes[numbers] = reader.squeezes(0, places, ways, speeds[rows], held[rows])
-            way = float(ways[-1])
-        return limited(squeezes, loads)
+            paces = np.interp(numbers, control_samples[rows], speeds[rows])
+            distances = distance + np.cumsum(paces) / sample_rate
+            points = np.zeros((len(distances), 3))
+            points[:, 0] = distances
+            compressions[numbers] = reader.squeezes(
+                0, points, distances, speeds[rows], control_loads[rows]
+            )
+            distance = float(distances[-1])
+        return force_variation(compressions, loads)
 
 
-def _given(force: ArrayLike | str | Path, sample_rate: float | None) -> tuple[Array, float]:
+def _read_force(force: ArrayLike | str | Path, sample_rate: float | None) -> tuple[Array, float]:
     if isinstance(force, str | Path):
         if sample_rate is not None:
             raise OptionError(f"sample_rate is {sample_rate}: leave it out, {force} has its own")
@@ -204,21 +206,25 @@ def _given(force: ArrayLike | str | Path, sample_rate: float | None) -> tuple[Ar
     samples = np.array(force, dtype=np.float64)
     if samples.ndim != 1 or not len(samples):
         raise OptionError(f"force has shape {samples.shape}: give a row of forces in N")
-    wrong = np.count_nonzero(~np.isfinite(samples))
-    if wrong:
-        raise OptionError(f"{wrong} of {len(samples)} forces are not finite: mend the gaps first")
+    invalid_count = np.count_nonzero(~np.isfinite(samples))
+    if invalid_count:
+        raise OptionError(
+            f"{invalid_count} of {len(samples)} forces are not finite: mend the gaps first"
+        )
     return samples, float(sample_rate)
 
 
-def _resampled(samples: Array, own: float, wanted: float) -> tuple[int, Array]:
+def _resample(samples: Array, source_rate: float, target_rate: float) -> tuple[int, Array]:
     """Return how many samples before the track it now begins, and the samples."""
-    if own == wanted:
+    if source_rate == target_rate:
         return 0, samples
     from scipy.signal import resample_poly
 
-    ratio = Fraction(wanted / own).limit_denominator(_COARSEST_RATIO)
-    periods = -(-_AHEAD // ratio.denominator)
+    ratio = Fraction(target_rate / source_rate).limit_denominator(_MAX_DENOMINATOR)
+    periods = -(-_LEAD_SAMPLES // ratio.denominator)
     silence = np.zeros(periods * ratio.denominator)
-    padded = np.concatenate([silence, samples, silence])
-    values = resample_poly(padded, ratio.numerator, ratio.denominator, window=("kaiser", 9.0))
+    padded_samples = np.concatenate([silence, samples, silence])
+    values = resample_poly(
+        padded_samples, ratio.numerator, ratio.denominator, window=("kaiser", 9.0)
+    )
     return periods * ratio.numerator, np.asarray(values, np.float64)

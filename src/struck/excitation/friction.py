@@ -46,22 +46,22 @@ from struck.excitation.texture import CHUNK, add_heights, hump, variance
 from struck.model.arrays import Array, Complex, Index, checked
 from struck.model.model import ModalModel
 
-LEVELS_AN_OCTAVE = 3
-FADE = 5e-3  # s, in which a moving contact comes on and lifts off
+LEVELS_PER_OCTAVE = 3
+FADE_SECONDS = 5e-3  # s, in which a moving contact comes on and lifts off
 LIGHTEST = 1e-6  # N: the force of lighter contacts is in proportion to this one's
 
-_MOST = 0.8  # of the load: what filters overshoot stays a push
-TIP, ROLLER = 0.05, 0.3  # shares of the heights that are not followed, at 1 m/s
-_EXPONENT = 0.75  # of the speed
-_SPARED = 0.6  # power of X by which a rough surface acts less than in proportion
-FOLLOWED = 5e-4  # m, waves from which on the tip follows
+_MAX_FORCE_RATIO = 0.8  # of the load: what filters overshoot stays a push
+TIP_FRACTION, ROLLER_FRACTION = 0.05, 0.3  # shares of the heights that are not followed, at 1 m/s
+_SPEED_EXPONENT = 0.75  # of the speed
+_ROUGHNESS_EXPONENT = 0.6  # power of X by which a rough surface acts less than in proportion
+FOLLOWED_LENGTH = 5e-4  # m, waves from which on the tip follows
 # Spacings a sample between which layers fade out: their waves are two spacings long and longer.
-_SLOW, _FAST = 0.45, 0.8
-_FAINT = 3e-3  # of the loudest layer's weight: a layer below is left out
-_POINTS_A_WAVE = 6  # of the shortest wave of a level
-_WINDOW, _LONGEST_KERNEL = 2e-3, 0.1  # s, over which loads are spread
-_FLAT = 2 / 3  # share of a level's band that passes whole
-_RESOLVED = 3.3  # q a of the shortest wave that a contact feels
+_FADE_START, _FADE_END = 0.45, 0.8
+_FAINT_RATIO = 3e-3  # of the loudest layer's weight: a layer below is left out
+_POINTS_PER_WAVE = 6  # of the shortest wave of a level
+_WINDOW, _MAX_KERNEL = 2e-3, 0.1  # s, over which loads are spread
+_FLAT_RATIO = 2 / 3  # share of a level's band that passes whole
+_RESOLVED_PHASE = 3.3  # q a of the shortest wave that a contact feels
 
 
 @checked
@@ -105,7 +105,7 @@ class Tool:
         Striker.named(self.striker)
         require_positive(radius=self.radius)
         require_at_least_zero(patch=self.patch, seed=self.seed)
-        kernel = require_kernel(self.kernel, self.softness, _LONGEST_KERNEL)
+        kernel = require_kernel(self.kernel, self.softness, _MAX_KERNEL)
         object.__setattr__(self, "kernel", kernel)
 
     def window(self, sample_rate: float) -> Array:
@@ -113,17 +113,17 @@ class Tool:
         if self.kernel is None:
             hann = np.hanning(max(1, round(_WINDOW * sample_rate)) + 2)[1:-1]
             return np.asarray(hann / hann.sum(), np.float64)
-        lasting = self.softness or SOFTNESS
+        duration = self.softness or SOFTNESS
         pulse = sampled(
-            self.kernel, impulse=1.0, onset=0.0, duration=lasting, sample_rate=sample_rate
+            self.kernel, impulse=1.0, onset=0.0, duration=duration, sample_rate=sample_rate
         )
         return pulse.force / pulse.force.sum()
 
-    def on(self, model: ModalModel) -> Rubbed:
+    def on(self, model: ModalModel) -> SlidingContact:
         """Return the tool's tip in contact with the body of a `model`."""
         tip = Striker.named(self.striker)
         solids = (tip,) if model.material is None else (tip, model.material)
-        return Rubbed(
+        return SlidingContact(
             roughness=finish(self.roughness),
             modulus=contact_modulus(*solids),
             radius=self.radius or tip.radius,
@@ -132,14 +132,14 @@ class Tool:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Rubbed:
+class SlidingContact:
     """Two bodies in contact: the surface that moves past, and the spring of the dent."""
 
     roughness: Finish
     modulus: float  # E* of the two, Pa
     radius: float  # joint radius of curvature, m
     seed: int = 0
-    share: float = TIP  # of the heights that is not followed, at 1 m/s
+    height_fraction: float = TIP_FRACTION  # of the heights that is not followed, at 1 m/s
 
     def contact_radius(self, loads: Array) -> Array:
         """Return the radius of the circle of contact, m, at loads of any shape, N."""
@@ -149,17 +149,19 @@ class Rubbed:
         """Return the stiffness of the contact under loads (an array of any shape, N), N/m."""
         return np.cbrt(6 * self.modulus**2 * self.radius * loads)
 
-    def scale(self, felt: Array, speeds: Array, loads: Array) -> Array:
+    def scale(self, rms_height: Array, speeds: Array, loads: Array) -> Array:
         """Return y a metre of height, 1/m, of heights whose rms at the dent is `felt`, m."""
-        held = np.maximum(loads, LIGHTEST)
-        squeeze = self.stiffness(held) / held
-        share = np.minimum(self.share * speeds**_EXPONENT, 1.0)
-        return (loads > 0) * share * squeeze / (1 + (squeeze * felt) ** _SPARED)
+        positive_loads = np.maximum(loads, LIGHTEST)
+        squeeze = self.stiffness(positive_loads) / positive_loads
+        fraction = np.minimum(self.height_fraction * speeds**_SPEED_EXPONENT, 1.0)
+        return (
+            (loads > 0) * fraction * squeeze / (1 + (squeeze * rms_height) ** _ROUGHNESS_EXPONENT)
+        )
 
 
-def limited(squeezed: Array, loads: Array) -> Array:
+def force_variation(compressions: Array, loads: Array) -> Array:
     """Return F - load, N, of squeezes y under loads."""
-    return loads * squeezed / np.sqrt(1 + np.square(squeezed * (1 / _MOST)))
+    return loads * compressions / np.sqrt(1 + np.square(compressions * (1 / _MAX_FORCE_RATIO)))
 
 
 class Reader:
@@ -170,24 +172,25 @@ class Reader:
     blocks are.
     """
 
-    def __init__(self, rubbed: Rubbed, sample_rate: float) -> None:
-        self._rubbed, self._rate = rubbed, sample_rate
-        self._known: tuple[float, float] | None = None
+    def __init__(self, sliding: SlidingContact, sample_rate: float) -> None:
+        self._sliding, self._rate = sliding, sample_rate
+        self._last_pair: tuple[float, float] | None = None
         self._weights = np.zeros(0)
-        surface = rubbed.roughness
+        surface = sliding.roughness
         if isinstance(surface, Profile):
             self._levels = levels_of(surface)
-            self._offset = float(np.random.default_rng(rubbed.seed).random())
+            self._offset = float(np.random.default_rng(sliding.seed).random())
         else:
-            self._layers = surface.layers(rubbed.seed)
-            self._followed = self._layers.heights * followed(self._layers.spacings)
+            self._layers = surface.layers(sliding.seed)
+            self._layer_heights = self._layers.heights * unfollowed_fraction(self._layers.spacings)
             self._scales = np.log(self._layers.spacings)
-            known, _ = _patch_mean()
+            log_radii, _ = _patch_mean()
             self._laws = np.array([
-                *(rubbed.modulus, rubbed.radius, rubbed.share, _EXPONENT, _SPARED, variance()),
-                *(LIGHTEST, _FAST / (_FAST - _SLOW), _FAINT, known[0], known[1] - known[0]),
+                *(sliding.modulus, sliding.radius, sliding.height_fraction, _SPEED_EXPONENT),
+                *(_ROUGHNESS_EXPONENT, variance(), LIGHTEST, _FADE_END / (_FADE_END - _FADE_START)),
+                *(_FAINT_RATIO, log_radii[0], log_radii[1] - log_radii[0]),
             ])  # fmt: skip
-            self._falls = 1 / (sample_rate * self._layers.spacings * (_FAST - _SLOW))
+            self._falls = 1 / (sample_rate * self._layers.spacings * (_FADE_END - _FADE_START))
 
     def squeezes(
         self, first: int, places: Array, ways: Array, speeds: Array, loads: Array
@@ -198,83 +201,83 @@ class Reader:
         looks (rows,), between the first two of which `first` samples are over.
         """
         out = np.zeros(len(ways))
-        if isinstance(self._rubbed.roughness, Profile):
+        if isinstance(self._sliding.roughness, Profile):
             self._read_profile(first, ways, speeds, loads, out)
         else:
-            add_heights(self._layers, self._weighted(speeds, loads), first, places, out)
+            add_heights(self._layers, self._find_weights(speeds, loads), first, places, out)
         return out
 
-    def _weighted(self, speeds: Array, loads: Array) -> Array:
+    def _find_weights(self, speeds: Array, loads: Array) -> Array:
         """Return the weight of each layer at each look (rows, O)."""
-        steady = speeds.min() == speeds.max() and loads.min() == loads.max()
+        is_steady = speeds.min() == speeds.max() and loads.min() == loads.max()
         pair = (float(speeds[0]), float(loads[0]))
-        if not steady:
-            self._known = None
+        if not is_steady:
+            self._last_pair = None
             return self.weights_at(speeds, loads)
-        if pair != self._known or len(self._weights) < len(speeds):
+        if pair != self._last_pair or len(self._weights) < len(speeds):
             rows = self.weights_at(speeds[:1], loads[:1])
-            self._known, self._weights = pair, np.tile(rows, (max(len(speeds), 4), 1))
+            self._last_pair, self._weights = pair, np.tile(rows, (max(len(speeds), 4), 1))
         return self._weights
 
     def weights_at(self, speeds: Array, loads: Array) -> Array:
         """Return the weight of each texture layer under speeds and loads (rows, O)."""
-        compiled = entry("friction_weigh")
-        if compiled is None:
+        compiled_loop = entry("friction_weigh")
+        if compiled_loop is None:
             return self.weights_plainly(speeds, loads)
         weights, shares = np.empty((len(speeds), len(self._scales))), _patch_mean()[1]
-        layers = self._followed, self._scales, self._falls, len(self._scales)
-        looks = *map(np.ascontiguousarray, (speeds, loads)), len(speeds)
-        compiled(*layers, shares, len(shares), *looks, self._laws, weights)
+        layers = self._layer_heights, self._scales, self._falls, len(self._scales)
+        controls = *map(np.ascontiguousarray, (speeds, loads)), len(speeds)
+        compiled_loop(*layers, shares, len(shares), *controls, self._laws, weights)
         return weights
 
     def weights_plainly(self, speeds: Array, loads: Array) -> Array:
         """Return weights of the surface's layers like `weights_at`, in plain NumPy."""
-        rubbed = self._rubbed
-        radii = rubbed.contact_radius(np.maximum(loads, LIGHTEST))
-        heights = self._followed * patch_mean(np.log(radii)[:, None] - self._scales)
-        felt = np.sqrt(variance() * np.vecdot(heights, heights))
+        sliding = self._sliding
+        radii = sliding.contact_radius(np.maximum(loads, LIGHTEST))
+        heights = self._layer_heights * patch_mean(np.log(radii)[:, None] - self._scales)
+        rms_heights = np.sqrt(variance() * np.vecdot(heights, heights))
         falling = self._falls * speeds[:, None]
-        heard = np.minimum(np.maximum(_FAST / (_FAST - _SLOW) - falling, 0), 1)
-        weights = heights * heard * rubbed.scale(felt, speeds, loads)[:, None]
-        faint = _FAINT * np.maximum.reduce(weights, axis=1)
-        return weights * (weights >= faint[:, None])
+        band_gains = np.minimum(np.maximum(_FADE_END / (_FADE_END - _FADE_START) - falling, 0), 1)
+        weights = heights * band_gains * sliding.scale(rms_heights, speeds, loads)[:, None]
+        thresholds = _FAINT_RATIO * np.maximum.reduce(weights, axis=1)
+        return weights * (weights >= thresholds[:, None])
 
     def _read_profile(
-        self, first: int, ways: Array, speeds: Array, loads: Array, out: Array
+        self, first: int, distances: Array, speeds: Array, loads: Array, out: Array
     ) -> None:
-        rubbed, table = self._rubbed, self._levels
-        radii = rubbed.contact_radius(np.maximum(loads, LIGHTEST))
-        felt_levels = table.level_of(_RESOLVED / (2 * np.pi * radii))
-        felt = np.interp(felt_levels, np.arange(len(table.rms)), table.rms)
+        sliding, table = self._sliding, self._levels
+        radii = sliding.contact_radius(np.maximum(loads, LIGHTEST))
+        felt_levels = table.level_of(_RESOLVED_PHASE / (2 * np.pi * radii))
+        rms_heights = np.interp(felt_levels, np.arange(len(table.rms)), table.rms)
         passing = table.level_of(self._rate / 2 / np.maximum(speeds, 1e-30))
         levels = np.maximum(felt_levels, np.where(passing > 0, passing + 1, 0))
-        weights = rubbed.scale(felt, speeds, loads)
-        turns = self._offset + ways / table.length
-        done = 0
-        while done < len(out):
-            row, begun = divmod(first + done, CHUNK)
-            count = min(CHUNK - begun, len(out) - done)
-            shares = np.array([begun, begun + count]) / CHUNK
+        weights = sliding.scale(rms_heights, speeds, loads)
+        phases = self._offset + distances / table.length
+        sample_count = 0
+        while sample_count < len(out):
+            row, chunk_offset = divmod(first + sample_count, CHUNK)
+            count = min(CHUNK - chunk_offset, len(out) - sample_count)
+            shares = np.array([chunk_offset, chunk_offset + count]) / CHUNK
             ends = [
                 tuple((course[row] + shares * (course[row + 1] - course[row])).tolist())
                 for course in (levels, weights)
             ]
-            piece = slice(done, done + count)
-            add_reading(table, turns[piece], ends[0], ends[1], out[piece])
-            done += count
+            piece = slice(sample_count, sample_count + count)
+            add_reading(table, phases[piece], ends[0], ends[1], out[piece])
+            sample_count += count
 
 
-def followed(lengths: Array) -> Array:
+def unfollowed_fraction(lengths: Array) -> Array:
     """Return the share of waves of these lengths, m, that the tip does not follow."""
-    return 1 / (1 + np.square(lengths / FOLLOWED))
+    return 1 / (1 + np.square(lengths / FOLLOWED_LENGTH))
 
 
-def pressure_mean(turns: Array) -> Array:
+def pressure_mean(phases: Array) -> Array:
     """Return the mean of a wave over a Hertz contact, 3 (sin u - u cos u) / u^3 at u = q a."""
-    far = np.maximum(np.abs(turns), 0.1)
-    closed = 3 * (np.sin(far) - far * np.cos(far)) / far**3
-    near = 1 - np.square(turns) / 10 + turns**4 / 280
-    return np.where(np.abs(turns) < 0.1, near, closed)
+    large_phases = np.maximum(np.abs(phases), 0.1)
+    closed_form = 3 * (np.sin(large_phases) - large_phases * np.cos(large_phases)) / large_phases**3
+    series = 1 - np.square(phases) / 10 + phases**4 / 280
+    return np.where(np.abs(phases) < 0.1, series, closed_form)
 
 
 def patch_mean(radii: Array) -> Array:
@@ -290,8 +293,8 @@ def _patch_mean() -> tuple[Array, Array]:
     radii = np.geomspace(1e-3, 1e3, 181)
     waves = np.geomspace(1e-3, 3.0, 800)
     spectrum = hump(waves) * np.square(waves)  # longer waves are those of coarser layers
-    felt = np.square(pressure_mean(2 * np.pi * waves * radii[:, None])) * spectrum
-    powers = np.trapezoid(felt, waves, axis=1) / np.trapezoid(spectrum, waves)
+    felt_spectra = np.square(pressure_mean(2 * np.pi * waves * radii[:, None])) * spectrum
+    powers = np.trapezoid(felt_spectra, waves, axis=1) / np.trapezoid(spectrum, waves)
     return np.log(radii), np.sqrt(powers)
 
 
@@ -327,10 +330,10 @@ class Levels:
         arrays = self.values, self.starts, self.counts
         object.__setattr__(self, "places", tuple(array.ctypes.data for array in arrays))
 
-    def level_of(self, highest: Array) -> Array:
+    def level_of(self, wavenumbers: Array) -> Array:
         """Return the level, between two, whose shortest waves have wavenumbers, cycles/m."""
-        octaves = np.log2(self.finest / np.maximum(highest, 1e-300))
-        return np.maximum(0.0, LEVELS_AN_OCTAVE * octaves)
+        octaves = np.log2(self.finest / np.maximum(wavenumbers, 1e-300))
+        return np.maximum(0.0, LEVELS_PER_OCTAVE * octaves)
 
 
 @lru_cache(maxsize=16)  # of some 2 MB
@@ -339,71 +342,73 @@ def levels_of(profile: Profile) -> Levels:
     count = len(profile.heights)
     waves = np.arange(count // 2 + 1)
     lengths = profile.length / np.maximum(waves, 1)
-    spectrum = np.fft.rfft(profile.heights) / count * followed(lengths)
-    found, highest = [], count / 2 / _FLAT
-    while highest > 1:
-        found.append(_low_passed(spectrum, highest))
-        highest /= 2 ** (1 / LEVELS_AN_OCTAVE)
-    counts = np.array([len(level) for level in found])
+    spectrum = np.fft.rfft(profile.heights) / count * unfollowed_fraction(lengths)
+    levels, cutoff = [], count / 2 / _FLAT_RATIO
+    while cutoff > 1:
+        levels.append(_low_pass(spectrum, cutoff))
+        cutoff /= 2 ** (1 / LEVELS_PER_OCTAVE)
+    counts = np.array([len(level) for level in levels])
     return Levels(
-        values=np.concatenate(found).astype(np.float32),
+        values=np.concatenate(levels).astype(np.float32),
         starts=np.cumsum(counts) - counts,
         counts=counts,
         length=profile.length,
-        finest=count / 2 / _FLAT / profile.length,
-        rms=np.array([level.std() for level in found]),
+        finest=count / 2 / _FLAT_RATIO / profile.length,
+        rms=np.array([level.std() for level in levels]),
     )
 
 
-def _low_passed(spectrum: Complex, highest: float) -> Array:
+def _low_pass(spectrum: Complex, cutoff: float) -> Array:
     """Return one period of a profile without waves above `highest` in it."""
-    kept = min(int(highest) + 1, len(spectrum))
-    waves = np.arange(kept)
-    fall = np.clip((highest - waves) / (highest * (1 - _FLAT)), 0, 1)
-    count = next_fast_len(max(8, int(np.ceil(_POINTS_A_WAVE * highest))), real=True)
-    return np.fft.irfft(spectrum[:kept] * np.sin(np.pi / 2 * fall) ** 2, count) * count
+    wave_count = min(int(cutoff) + 1, len(spectrum))
+    waves = np.arange(wave_count)
+    fall = np.clip((cutoff - waves) / (cutoff * (1 - _FLAT_RATIO)), 0, 1)
+    count = next_fast_len(max(8, int(np.ceil(_POINTS_PER_WAVE * cutoff))), real=True)
+    return np.fft.irfft(spectrum[:wave_count] * np.sin(np.pi / 2 * fall) ** 2, count) * count
 
 
 def add_reading(
-    table: Levels, turns: Array, levels: Sequence[float], weights: Sequence[float], out: Array
+    table: Levels, phases: Array, levels: Sequence[float], weights: Sequence[float], out: Array
 ) -> None:
     """Add to `out` (n,) the values of a table at `turns` (n,) of its period.
 
     Levels and weights go in a straight line from the first to the last of two.
     """
-    compiled = entry("friction_add_reading")
-    if compiled is None:
-        add_reading_plainly(table, turns, levels, weights, out)
+    compiled_loop = entry("friction_add_reading")
+    if compiled_loop is None:
+        add_reading_plainly(table, phases, levels, weights, out)
         return
-    compiled(*table.places, len(table.counts), turns, len(turns), *levels, *weights, out)
+    compiled_loop(*table.places, len(table.counts), phases, len(phases), *levels, *weights, out)
 
 
 def add_reading_plainly(
-    table: Levels, turns: Array, levels: Sequence[float], weights: Sequence[float], out: Array
+    table: Levels, phases: Array, levels: Sequence[float], weights: Sequence[float], out: Array
 ) -> None:
     """Add the values of a table as `add_reading` does, in plain NumPy."""
-    share = np.arange(len(out)) / len(out)
-    level = (1 - share) * levels[0] + share * levels[1]
-    heard = level < len(table.counts)
-    level, turns = level[heard], turns[heard]
+    fraction = np.arange(len(out)) / len(out)
+    level = (1 - fraction) * levels[0] + fraction * levels[1]
+    is_resolved = level < len(table.counts)
+    level, phases = level[is_resolved], phases[is_resolved]
     low = level.astype(np.int64)
     blend = level - low
-    value = (1 - blend) * _cubic(table, low, turns)
+    value = (1 - blend) * _interpolate_cubic(table, low, phases)
     inner = low + 1 < len(table.counts)
-    value[inner] += blend[inner] * _cubic(table, low[inner] + 1, turns[inner])
-    out[heard] += ((1 - share) * weights[0] + share * weights[1])[heard] * value
+    value[inner] += blend[inner] * _interpolate_cubic(table, low[inner] + 1, phases[inner])
+    out[is_resolved] += ((1 - fraction) * weights[0] + fraction * weights[1])[is_resolved] * value
 
 
-def _cubic(table: Levels, levels: Index, turns: Array) -> Array:
+def _interpolate_cubic(table: Levels, levels: Index, phases: Array) -> Array:
     """Return the cubic through the four points about each place (Lagrange)."""
-    starts, counts = table.starts[levels], table.counts[levels]
-    place = (turns - np.floor(turns)) * counts
-    whole = np.where(place <= counts, place, 0).astype(np.int64)
-    x = place - whole
-    points = (table.values[starts + (whole + ahead) % counts] for ahead in (-1, 0, 1, 2))
-    before, here, after, beyond = points
+    first_points, counts = table.starts[levels], table.counts[levels]
+    place = (phases - np.floor(phases)) * counts
+    point_numbers = np.where(place <= counts, place, 0).astype(np.int64)
+    x = place - point_numbers
+    points = (
+        table.values[first_points + (point_numbers + shift) % counts] for shift in (-1, 0, 1, 2)
+    )
+    p0, p1, p2, p3 = points
     half, sixth = np.float64(1 / 2), np.float64(1 / 6)  # of float64: products are so too
-    slope = after - 2 * sixth * before - half * here - sixth * beyond
-    bend = half * (before + after) - here
-    twist = sixth * (beyond - before) + half * (here - after)
-    return here + x * (slope + x * (bend + x * twist))
+    slope = p2 - 2 * sixth * p0 - half * p1 - sixth * p3
+    bend = half * (p0 + p2) - p1
+    twist = sixth * (p3 - p0) + half * (p1 - p2)
+    return p1 + x * (slope + x * (bend + x * twist))

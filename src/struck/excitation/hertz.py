@@ -133,7 +133,7 @@ def contact_time(*, mass: float, radius: float, modulus: float, speed: float) ->
     OptionError
         On numbers that do not exceed 0, or are none of a thing that strikes.
     """
-    given = {"mass": mass, "radius": radius, "modulus": modulus, "speed": speed}
-    for name, value in given.items():
+    arguments = {"mass": mass, "radius": radius, "modulus": modulus, "speed": speed}
+    for name, value in arguments.items():
         require_number(name, value, 1e-30, 1e30, hint="it must exceed 0, and 1e-30 is the least")
     return CONTACT_CONSTANT * (mass**2 / (radius * modulus**2 * speed)) ** 0.2

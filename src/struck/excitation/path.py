@@ -30,9 +30,9 @@ REPEATS = ("once", "back", "loop")  # stop at the end, go there and back, or go 
 _PIECES = 128
 # Spacings at which points are pulled tight in turn, and rounds at each.
 _SPACINGS, _ROUNDS = (16, 8, 4, 2, 1), 24
-_STILL = 1e-9  # of the extent: places nearer each other are one
+_SAME_RATIO = 1e-9  # of the extent: places nearer each other are one
 # A step longer than this many mean ones leaps through the body.
-_EVEN = 3.0
+_MAX_STEP_RATIO = 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,22 +51,22 @@ class Path:
         require_waypoints(places, repeat)
         mesh = model.geometry
         if mesh is None or model.recorded:
-            return _recorded(model, places, repeat)
+            return _make_recorded_path(model, places, repeat)
         stops = [model.contact(place).point for place in places]
         if repeat == "loop":
             stops.append(stops[0])
         surface = model.gains.locator if isinstance(model.gains, ShapeGains) else Surface(mesh)
-        legs = [shortest(mesh, surface, *ends) for ends in pairwise(stops)]
+        legs = [find_shortest(mesh, surface, *ends) for ends in pairwise(stops)]
         points = np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])])
         steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        moving = np.concatenate([[True], steps > _STILL * mesh.extent])
-        _require_moving(moving)
-        _, faces, nearest = surface.closest(points[moving])
+        is_moving = np.concatenate([[True], steps > _SAME_RATIO * mesh.extent])
+        _require_moving(is_moving)
+        _, faces, nearest_points = surface.closest(points[is_moving])
         return cls(
-            points=points[moving],
-            spots=points[moving],
-            normals=mesh.normals_at(faces, nearest),
-            lengths=np.concatenate([[0.0], np.cumsum(steps[moving[1:]])]),
+            points=points[is_moving],
+            spots=points[is_moving],
+            normals=mesh.normals_at(faces, nearest_points),
+            lengths=np.concatenate([[0.0], np.cumsum(steps[is_moving[1:]])]),
             repeat=repeat,
         )
 
@@ -102,7 +102,7 @@ class Path:
         return travelled  # held at its ends
 
 
-def _recorded(model: ModalModel, places: Waypoints, repeat: str) -> Path:
+def _make_recorded_path(model: ModalModel, places: Waypoints, repeat: str) -> Path:
     """Return the path through places of a recorded body, straight in their coordinates."""
     stops, chart = _stops(model, places)
     stops += stops[:1] * (repeat == "loop")
@@ -111,12 +111,12 @@ def _recorded(model: ModalModel, places: Waypoints, repeat: str) -> Path:
     model.gains.at(points, np.zeros((len(points), 3)))  # refuses what was not recorded
     spots = chart.places(points)
     steps = np.linalg.norm(np.diff(spots, axis=0), axis=1)
-    moving = np.concatenate([[True], steps > 0])
-    _require_moving(moving)
+    is_moving = np.concatenate([[True], steps > 0])
+    _require_moving(is_moving)
     return Path(
-        points=points[moving],
-        spots=spots[moving],
-        normals=np.zeros((np.count_nonzero(moving), 3)),
+        points=points[is_moving],
+        spots=spots[is_moving],
+        normals=np.zeros((np.count_nonzero(is_moving), 3)),
         lengths=np.concatenate([[0.0], np.cumsum(steps[steps > 0])]),
         repeat=repeat,
     )
@@ -143,8 +143,8 @@ def _stops(model: ModalModel, places: Waypoints) -> tuple[list[Array], Chart]:
     return stops, Chart(pitch=np.ones(len(stops[0])))
 
 
-def _require_moving(moving: Mask) -> None:
-    if not moving[1:].any():
+def _require_moving(is_moving: Mask) -> None:
+    if not is_moving[1:].any():
         raise OptionError("the places of the path are one and the same: set them apart")
 
 
@@ -158,65 +158,70 @@ def require_waypoints(places: Waypoints, repeat: str) -> None:
             coordinates("a place of the path", place)
 
 
-def shortest(mesh: Mesh, surface: Surface, begin: Array, end: Array) -> Array:
+def find_shortest(mesh: Mesh, surface: Surface, start: Array, end: Array) -> Array:
     """Return points (N, 3) of a locally shortest path over a surface."""
     # The shortest path along edges (Dijkstra) is pulled tight like a string: each point in turn
     # moves to the middle of its neighbours and back onto the surface, first far apart, then near.
-    way = _resampled(_edge_way(mesh, surface, begin, end), _PIECES)
+    edge_path = _resample(_find_edge_path(mesh, surface, start, end), _PIECES)
     for coarsest in _SPACINGS:
-        points = _tight(surface, way, coarsest)
+        points = _tighten(surface, edge_path, coarsest)
         steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        if steps.max() <= _EVEN * steps.mean():
+        if steps.max() <= _MAX_STEP_RATIO * steps.mean():
             return points
     # Pulled tight at any spacing it leaps through a thin wall.
-    return way
+    return edge_path
 
 
-def _tight(surface: Surface, points: Array, coarsest: int) -> Array:
+def _tighten(surface: Surface, points: Array, coarsest: int) -> Array:
     for spacing in (size for size in _SPACINGS if size <= coarsest):
         chosen = points[::spacing]
         for _ in range(_ROUNDS):
-            chosen = _pulled(surface, chosen)
-        points = _resampled(chosen, _PIECES)
+            chosen = _pull_tight(surface, chosen)
+        points = _resample(chosen, _PIECES)
         points[1:-1] = surface.closest(points[1:-1])[2]
     return points
 
 
-def _pulled(surface: Surface, points: Array) -> Array:
+def _pull_tight(surface: Surface, points: Array) -> Array:
     """Move every second point, then the others, to the middle of their neighbours."""
     points = points.copy()
     for parity in (1, 2):
-        middles = (points[parity - 1 : -2 : 2] + points[parity + 1 :: 2]) / 2
-        points[parity:-1:2] = surface.closest(middles)[2]
+        midpoints = (points[parity - 1 : -2 : 2] + points[parity + 1 :: 2]) / 2
+        points[parity:-1:2] = surface.closest(midpoints)[2]
     return points
 
 
-def _resampled(points: Array, pieces: int) -> Array:
+def _resample(points: Array, pieces: int) -> Array:
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     lengths = np.concatenate([[0.0], np.cumsum(steps)])
-    wanted = np.linspace(0, lengths[-1], pieces + 1)
-    return np.stack([np.interp(wanted, lengths, axis) for axis in points.T], axis=1)
+    target_lengths = np.linspace(0, lengths[-1], pieces + 1)
+    return np.stack([np.interp(target_lengths, lengths, axis) for axis in points.T], axis=1)
 
 
-def _edge_way(mesh: Mesh, surface: Surface, begin: Array, end: Array) -> Array:
+def _find_edge_path(mesh: Mesh, surface: Surface, start: Array, end: Array) -> Array:
     """Return the shortest path along edges, its ends joined to the corners of their faces."""
-    _, faces, ends = surface.closest(np.stack([begin, end]))
+    _, faces, ends = surface.closest(np.stack([start, end]))
     if faces[0] == faces[1]:
         return ends
-    first, last = _nearest_corner(mesh, faces[0], begin), _nearest_corner(mesh, faces[1], end)
-    _, before = dijkstra(_edges(mesh), directed=False, indices=[first], return_predecessors=True)
-    way = [last]
-    while way[-1] != first:
-        way.append(int(before[0, way[-1]]))
-        if way[-1] < 0:
+    first, last = (
+        _find_nearest_corner(mesh, faces[0], start),
+        _find_nearest_corner(mesh, faces[1], end),
+    )
+    _, predecessors = dijkstra(
+        _edges(mesh), directed=False, indices=[first], return_predecessors=True
+    )
+    vertices = [last]
+    while vertices[-1] != first:
+        vertices.append(int(predecessors[0, vertices[-1]]))
+        if vertices[-1] < 0:
             raise ContactError(
                 "no way over the surface leads from one place of the path to the next: they lie on "
                 "separate parts; choose both on one"
             )
-    return np.concatenate([ends[:1], mesh.points[way[::-1]], ends[1:]])
+    return np.concatenate([ends[:1], mesh.points[vertices[::-1]], ends[1:]])
 
 
-def _nearest_corner(mesh: Mesh, face: int, point: Array) -> int:
+def _find_nearest_corner(mesh: Mesh, face: int, point: Array) -> int:
     corners = mesh.faces[face]
     return int(corners[np.argmin(np.linalg.norm(mesh.points[corners] - point, axis=1))])
 

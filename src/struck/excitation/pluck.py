@@ -24,7 +24,7 @@ from struck.model.model import ModalModel
 
 Field = Callable[[Array], Array]
 
-_FINE = 256  # points a sample of the band-limited step
+_POINTS_PER_SAMPLE = 256  # points a sample of the band-limited step
 # Radon's rule of 7 points on a triangle, exact to degree 5 (Zienkiewicz 2013, table 3.4).
 _ROOT = np.sqrt(15)
 _NEAR, _FAR = (6 - _ROOT) / 21, (6 + _ROOT) / 21
@@ -79,7 +79,7 @@ def impact_amplitudes(
     for name, value in (("energy", energy), ("distance", distance)):
         if not (np.isfinite(value) and value > 0):
             raise OptionError(f"{name} is {value}: it must be a finite number above 0")
-    shapes = _along_push(model, at)
+    shapes = _compute_shapes(model, at)
     rates = 2 * np.pi * model.natural_frequencies
     return np.sqrt(energy) * shapes / (rates * np.linalg.norm(shapes) * distance)
 
@@ -105,7 +105,7 @@ def impact_impulse(model: ModalModel, at: Place, energy: float) -> float:
         When the energy does not exceed 0, or no mode moves there.
     """
     require_positive(energy=energy)
-    return float(np.sqrt(2.0 * energy) / np.linalg.norm(_along_push(model, at)))
+    return float(np.sqrt(2.0 * energy) / np.linalg.norm(_compute_shapes(model, at)))
 
 
 def initial_amplitudes(
@@ -152,7 +152,7 @@ def initial_amplitudes(
     return mean(velocity) / rates, mean(displacement)
 
 
-def _along_push(model: ModalModel, at: Place) -> Array:
+def _compute_shapes(model: ModalModel, at: Place) -> Array:
     contact = model.contact(at)
     shapes = model.gains.at(contact.point[None], contact.direction[None])[0, 0]
     if not np.any(np.abs(shapes) > np.finfo(float).eps * np.sqrt(len(shapes))):
@@ -224,17 +224,17 @@ class Pluck:
         first = int(np.floor(self.time * sample_rate))
         release = (self.time + self.rise) * sample_rate
         numbers = np.arange(first, int(np.ceil(release)) + LEAD, dtype=np.float64)
-        risen = np.clip((numbers / sample_rate - self.time) / self.rise, 0, 1)
-        load = self.force * np.sin(np.pi / 2 * risen) ** 2
+        progress = np.clip((numbers / sample_rate - self.time) / self.rise, 0, 1)
+        load = self.force * np.sin(np.pi / 2 * progress) ** 2
         table = _step()
-        risen = np.interp(numbers - release, np.linspace(-LEAD, LEAD, len(table)), table)
-        return Samples(first=first, force=load * (1 - risen))
+        step = np.interp(numbers - release, np.linspace(-LEAD, LEAD, len(table)), table)
+        return Samples(first=first, force=load * (1 - step))
 
 
 @cache
 def _step() -> Array:
     """Return a band-limited step from 0 to 1, from `LEAD` samples before it to as many after."""
-    pulse = low_pass(np.linspace(-LEAD, LEAD, 2 * LEAD * _FINE + 1))
+    pulse = low_pass(np.linspace(-LEAD, LEAD, 2 * LEAD * _POINTS_PER_SAMPLE + 1))
     rising = np.concatenate([[0.0], np.cumsum(pulse[1:] + pulse[:-1])])
     return rising / rising[-1]
 

@@ -51,14 +51,14 @@ def sampled(
     require_choice("shape", shape, SPECTRA)
     length = duration * sample_rate
     first = int(np.floor(onset * sample_rate)) - LEAD
-    begin = onset * sample_rate - first
-    count = int(np.ceil(begin + length)) + LEAD
+    offset = onset * sample_rate - first
+    count = int(np.ceil(offset + length)) + LEAD
     size = max(64, 1 << (count - 1).bit_length())
     bins = np.arange(size, dtype=np.float64)
     strengths = np.interp(bins * (length / size), *_table(shape), right=0.0)
     strengths *= low_pass_spectrum(size)
-    delay: Complex = np.exp((-2j * np.pi / size * (begin + length / 2)) * bins)
-    values = np.fft.irfft(_folded(strengths * delay), size)[:count]
+    delay: Complex = np.exp((-2j * np.pi / size * (offset + length / 2)) * bins)
+    values = np.fft.irfft(_fold_spectrum(strengths * delay), size)[:count]
     return Samples(first=first, force=values * (impulse * sample_rate))
 
 
@@ -70,14 +70,14 @@ def softened(force: Samples, *, shape: str, duration: float, sample_rate: float)
     from scipy.signal import oaconvolve
 
     pulse = sampled(shape, impulse=1.0, onset=0.0, duration=duration, sample_rate=sample_rate)
-    spread = oaconvolve(force.force, pulse.force / pulse.force.sum())
-    return Samples(first=force.first + pulse.first, force=np.asarray(spread, np.float64))
+    forces = oaconvolve(force.force, pulse.force / pulse.force.sum())
+    return Samples(first=force.first + pulse.first, force=np.asarray(forces, np.float64))
 
 
 def low_pass(positions: Array) -> Array:
     """Return the low-pass h at positions in samples: a sinc in a Kaiser window of +-`LEAD`."""
-    inside = np.clip(1 - np.square(positions / LEAD), 0, None)
-    window = np.i0(_FLATNESS * np.sqrt(inside)) / np.i0(_FLATNESS)
+    window_argument = np.clip(1 - np.square(positions / LEAD), 0, None)
+    window = np.i0(_FLATNESS * np.sqrt(window_argument)) / np.i0(_FLATNESS)
     return np.where(np.abs(positions) < LEAD, np.sinc(positions) * window, 0.0)
 
 
@@ -91,12 +91,12 @@ def low_pass_spectrum(size: int) -> Array:
     return spectrum / spectrum[0]
 
 
-def _folded(spectrum: Complex) -> Complex:
+def _fold_spectrum(spectrum: Complex) -> Complex:
     """Return the spectrum of samples (half the rate) from one up to the rate, aliases added."""
     half = len(spectrum) // 2
-    kept = spectrum[: half + 1].copy()
-    kept[1:] += np.conj(spectrum[: half - 1 : -1])
-    return kept
+    half_spectrum = spectrum[: half + 1].copy()
+    half_spectrum[1:] += np.conj(spectrum[: half - 1 : -1])
+    return half_spectrum
 
 
 @cache
@@ -114,12 +114,12 @@ def _sine_spectrum(power: float) -> Callable[[Array], Array]:
     scale = gamma(1 + power / 2) ** 2
 
     def spectrum(cycles: Array) -> Array:
-        near = np.minimum(cycles, 2.0)
-        low = rgamma(1 + power / 2 + near) * rgamma(1 + power / 2 - near)
+        low_cycles = np.minimum(cycles, 2.0)
+        low = rgamma(1 + power / 2 + low_cycles) * rgamma(1 + power / 2 - low_cycles)
         # Far out one of the two overflows: Gamma(x) Gamma(1 - x) = pi / sin(pi x) turns it round.
-        far = np.maximum(cycles, 2.0)
-        fall = np.exp(gammaln(far - power / 2) - gammaln(1 + power / 2 + far))
-        high = fall * np.sin(np.pi * (far - power / 2)) / np.pi
+        high_cycles = np.maximum(cycles, 2.0)
+        fall = np.exp(gammaln(high_cycles - power / 2) - gammaln(1 + power / 2 + high_cycles))
+        high = fall * np.sin(np.pi * (high_cycles - power / 2)) / np.pi
         return scale * np.where(cycles < 2, low, high)
 
     return spectrum

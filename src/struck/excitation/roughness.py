@@ -14,22 +14,22 @@ from scipy.optimize import least_squares
 
 from struck.errors import OptionError
 from struck.excitation.excitation import require_known, require_positive
-from struck.excitation.texture import Layers, fitted, variance
+from struck.excitation.texture import Layers, fit_layers, variance
 from struck.model.arrays import Array, checked, require_number
 from struck.model.provenance import table_of
 
-_FEWEST, _MOST = 16, 1 << 18
-_STEEPEST, _FLATTEST = -4.0, -1.2  # slopes
-_WIDEST = 1e5  # times that the longest wave may exceed the shortest
-_FINE = 16  # shortest waves unless given: so many to a correlation length
-_OF_WAVES = 1.4  # spacing of a layer whose covariance is as wide as exp(-(s / length)^2)
+_MIN_HEIGHTS, _MAX_HEIGHTS = 16, 1 << 18
+_MIN_SLOPE, _MAX_SLOPE = -4.0, -1.2  # slopes
+_MAX_WAVE_RATIO = 1e5  # times that the longest wave may exceed the shortest
+_WAVES_PER_LENGTH = 16  # shortest waves unless given: so many to a correlation length
+_WAVE_SPACING = 1.4  # spacing of a layer whose covariance is as wide as exp(-(s / length)^2)
 # Abrasive paper: heights and correlation lengths in grains.
 _GRAIN_HEIGHT, _GRAIN_LENGTH = 0.43, 1 / 3
 # Longer waves than this are form, which what slides over it follows in silence; the second widest
 # cut-off of ISO 21920.
-_FORM = 2.5e-3
-_SEAM = 0.05
-_FAINTEST = 3e-3  # share of the strongest waves' power below which waves count as none
+_FORM_LENGTH = 2.5e-3
+_SEAM_RATIO = 0.05
+_MIN_POWER_RATIO = 3e-3  # share of the strongest waves' power below which waves count as none
 
 
 @checked
@@ -84,11 +84,11 @@ class Roughness:
     def __post_init__(self) -> None:
         require_number("rms", self.rms, 0.0, 1e-2, above=True)
         require_number("correlation_length", self.correlation_length, 1e-8, 1.0)
-        require_number("slope", self.slope, _STEEPEST, _FLATTEST)
+        require_number("slope", self.slope, _MIN_SLOPE, _MAX_SLOPE)
         require_number("waviness", self.waviness, 0.0, 1e-1)
         require_number("waviness_length", self.waviness_length, 1e-8, 10.0)
         longest = self.longest
-        require_number("shortest", self.finest, longest / _WIDEST, longest)
+        require_number("shortest", self.finest, longest / _MAX_WAVE_RATIO, longest)
 
     @classmethod
     @checked
@@ -100,17 +100,19 @@ class Roughness:
         OptionError
             When there is none of that name; the nearest are offered.
         """
-        return _known(require_known(name, roughnesses(), "roughness"))
+        return _load_finish(require_known(name, roughnesses(), "roughness"))
 
     @classmethod
-    def of(cls, given: str | Roughness) -> Roughness:
+    def of(cls, source: str | Roughness) -> Roughness:
         """Return a finish given by name or as it is."""
-        return cls.named(given) if isinstance(given, str) else given
+        return cls.named(source) if isinstance(source, str) else source
 
     @property
     def finest(self) -> float:
         """The shortest wave of the texture, m."""
-        return self.correlation_length / _FINE if self.shortest is None else self.shortest
+        return (
+            self.correlation_length / _WAVES_PER_LENGTH if self.shortest is None else self.shortest
+        )
 
     @property
     def longest(self) -> float:
@@ -123,16 +125,18 @@ class Roughness:
         One-sided; its integral is the mean square height.
         """
         waves = np.concatenate([[0.0], np.geomspace(1e-4 / self.longest, 1 / self.finest, 2000)])
-        total = np.trapezoid(self._shape(waves), waves)
-        known = np.asarray(wavenumbers, np.float64)
-        return np.where(known <= 1 / self.finest, self.rms**2 / total * self._shape(known), 0.0)
+        integral = np.trapezoid(self._shape(waves), waves)
+        wave_array = np.asarray(wavenumbers, np.float64)
+        return np.where(
+            wave_array <= 1 / self.finest, self.rms**2 / integral * self._shape(wave_array), 0.0
+        )
 
     def _shape(self, wavenumbers: Array) -> Array:
         return (1 + np.square(wavenumbers * self.longest)) ** (self.slope / 2)
 
     def layers(self, seed: int = 0) -> Layers:
         """Return the texture of this finish that belongs to a seed."""
-        spacings, heights = _fitted(self)
+        spacings, heights = _fit_layers(self)
         return Layers.of(spacings, heights, int(seed))
 
 
@@ -167,13 +171,14 @@ class Profile:
     def __post_init__(self) -> None:
         require_positive(pitch=self.pitch)
         heights = np.array(self.heights, dtype=np.float64)
-        if heights.ndim != 1 or not _FEWEST <= len(heights) <= _MOST:
+        if heights.ndim != 1 or not _MIN_HEIGHTS <= len(heights) <= _MAX_HEIGHTS:
             raise OptionError(
-                f"heights have shape {heights.shape}: give {_FEWEST} to {_MOST} in one row"
+                f"heights have shape {heights.shape}: give {_MIN_HEIGHTS} to {_MAX_HEIGHTS} in one "
+                "row"
             )
         if not np.isfinite(heights).all():
-            wrong = np.count_nonzero(~np.isfinite(heights))
-            raise OptionError(f"{wrong} heights are not finite: fill the gaps first")
+            invalid_count = np.count_nonzero(~np.isfinite(heights))
+            raise OptionError(f"{invalid_count} heights are not finite: fill the gaps first")
         heights -= heights.mean()
         heights.setflags(write=False)
         object.__setattr__(self, "heights", heights)
@@ -191,7 +196,7 @@ class Profile:
         OptionError
             When there is none of that name; the nearest are offered.
         """
-        return _measured(require_known(name, profiles(), "profile"))
+        return _load_profile(require_known(name, profiles(), "profile"))
 
     @property
     def length(self) -> float:
@@ -219,24 +224,24 @@ class Profile:
         bins = np.digitize(waves, np.geomspace(waves[1] / 2, waves[-1], 60))
         groups = [bins == number for number in np.unique(bins[1:])]
         means = np.array([(waves[group].mean(), power[group].mean()) for group in groups])
-        centres, powers = means[means[:, 1] > _FAINTEST * means[:, 1].max()].T
+        centres, powers = means[means[:, 1] > _MIN_POWER_RATIO * means[:, 1].max()].T
         levels = np.log(powers)
 
-        def apart(guess: Array) -> Array:
+        def residuals(guess: Array) -> Array:
             top, length, slope = guess
             bend = np.log1p(np.square(2 * np.pi * np.exp(length) * centres))
             return top + slope / 2 * bend - levels
 
-        shortest, longest = np.log([self.pitch, self.length / 16])
-        found = least_squares(
-            apart,
-            [levels.max(), (shortest + longest) / 2, -2.0],
-            bounds=([-np.inf, shortest, _STEEPEST], [np.inf, longest, _FLATTEST]),
+        min_log_length, max_log_length = np.log([self.pitch, self.length / 16])
+        solution = least_squares(
+            residuals,
+            [levels.max(), (min_log_length + max_log_length) / 2, -2.0],
+            bounds=([-np.inf, min_log_length, _MIN_SLOPE], [np.inf, max_log_length, _MAX_SLOPE]),
         )
         return Roughness(
             rms=self.rms,
-            correlation_length=float(np.exp(found.x[1])),
-            slope=float(found.x[2]),
+            correlation_length=float(np.exp(solution.x[1])),
+            slope=float(solution.x[2]),
             shortest=float(1 / centres.max()),
             name=self.name,
             source=self.source,
@@ -257,7 +262,7 @@ def profiles() -> Mapping[str, Mapping[str, Any]]:
 
 
 @cache
-def _known(name: str) -> Roughness:
+def _load_finish(name: str) -> Roughness:
     entry = dict(roughnesses()[name])
     grain = entry.pop("grain", None)
     if grain is not None:
@@ -266,44 +271,48 @@ def _known(name: str) -> Roughness:
 
 
 @cache
-def _fitted(finish: Roughness) -> tuple[Array, Array]:
+def _fit_layers(finish: Roughness) -> tuple[Array, Array]:
     """Return spacings and heights (O,), m, of the layers of a finish."""
-    spacings, heights = fitted(finish.spectrum, finish.finest, finish.longest)
+    spacings, heights = fit_layers(finish.spectrum, finish.finest, finish.longest)
     heights *= finish.rms / np.sqrt(variance() * np.square(heights).sum())
     if not finish.waviness:
         return spacings, heights
-    waves = _OF_WAVES * finish.waviness_length, finish.waviness / np.sqrt(variance())
+    waves = _WAVE_SPACING * finish.waviness_length, finish.waviness / np.sqrt(variance())
     return np.append(spacings, waves[0]), np.append(heights, waves[1])
 
 
 @cache
-def _measured(name: str) -> Profile:
+def _load_profile(name: str) -> Profile:
     entry = dict(profiles()[name])
     data = resources.files("struck.excitation").joinpath("roughness.safetensors").read_bytes()
     heights = load(data)[name] * entry["step"]
     raw = Profile(heights=heights, pitch=entry["pitch"])
-    joined = _joined(raw, raw.length * (1 - _SEAM), round(len(heights) * (1 - _SEAM)))
-    waves = np.fft.rfftfreq(len(joined), raw.pitch)
+    joined_heights = _join_ends(
+        raw, raw.length * (1 - _SEAM_RATIO), round(len(heights) * (1 - _SEAM_RATIO))
+    )
+    waves = np.fft.rfftfreq(len(joined_heights), raw.pitch)
     return Profile(
-        heights=np.fft.irfft(np.fft.rfft(joined) * (waves >= 1 / _FORM), len(joined)),
+        heights=np.fft.irfft(
+            np.fft.rfft(joined_heights) * (waves >= 1 / _FORM_LENGTH), len(joined_heights)
+        ),
         pitch=raw.pitch,
         name=name,
         source=entry["source"],
     )
 
 
-def _joined(profile: Profile, length: float, count: int) -> Array:
+def _join_ends(profile: Profile, length: float, count: int) -> Array:
     """Return heights (count,) over another length, m, joined so that they repeat after it."""
-    own = np.arange(len(profile.heights)) * profile.pitch
-    places = np.arange(count, dtype=np.float64) * (length / count)
-    here, before = (
-        np.interp(at, own, profile.heights, period=profile.length)
-        for at in (places, places - length)
+    profile_positions = np.arange(len(profile.heights)) * profile.pitch
+    positions = np.arange(count, dtype=np.float64) * (length / count)
+    end_heights, start_heights = (
+        np.interp(at, profile_positions, profile.heights, period=profile.length)
+        for at in (positions, positions - length)
     )
-    seam = np.clip((places / length - 1 + _SEAM) / _SEAM, 0, 1) * (np.pi / 2)
-    return np.cos(seam) * here + np.sin(seam) * before
+    seam = np.clip((positions / length - 1 + _SEAM_RATIO) / _SEAM_RATIO, 0, 1) * (np.pi / 2)
+    return np.cos(seam) * end_heights + np.sin(seam) * start_heights
 
 
-def finish(given: str | Finish) -> Finish:
+def finish(source: str | Finish) -> Finish:
     """Return the finish for a name, or a given finish unchanged."""
-    return Roughness.named(given) if isinstance(given, str) else given
+    return Roughness.named(source) if isinstance(source, str) else source

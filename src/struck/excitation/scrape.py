@@ -19,7 +19,15 @@ from struck.excitation.excitation import (
     require_at_least_zero,
     require_positive,
 )
-from struck.excitation.friction import FADE, ROLLER, Reader, Rubbed, Tool, fading, limited
+from struck.excitation.friction import (
+    FADE_SECONDS,
+    ROLLER_FRACTION,
+    Reader,
+    SlidingContact,
+    Tool,
+    fading,
+    force_variation,
+)
 from struck.excitation.hertz import Striker, contact_modulus
 from struck.excitation.path import Path, Waypoints, require_waypoints
 from struck.excitation.roughness import Finish, Roughness, finish
@@ -29,9 +37,9 @@ from struck.model.material import Material
 from struck.model.model import ModalModel
 
 _GRAVITY = 9.81  # m/s^2
-_APART = 1 << 32  # a roller of the same seed has another texture than the surface
-_AHEAD = 32  # chunks that are computed at once
-_SHARES = np.arange(1, CHUNK + 1) / CHUNK
+_ROLLER_SEED_OFFSET = 1 << 32  # a roller of the same seed has another texture than the surface
+_CHUNKS_AHEAD = 32  # chunks that are computed at once
+_FRACTIONS = np.arange(1, CHUNK + 1) / CHUNK
 
 
 @checked
@@ -231,19 +239,25 @@ class Roll:
         surface, roller = Roughness.of(self.roughness), Roughness.of(self.roller_roughness)
         material = Material.of(self.material)
         solids = (material,) if model.material is None else (material, model.material)
-        rubbed = Rubbed(
-            roughness=surface, modulus=contact_modulus(*solids), radius=self.radius, share=ROLLER
+        sliding = SlidingContact(
+            roughness=surface,
+            modulus=contact_modulus(*solids),
+            radius=self.radius,
+            height_fraction=ROLLER_FRACTION,
         )
-        below = surface.layers(self.seed)
+        surface_layers = surface.layers(self.seed)
         ball = Roller(
             radius=self.radius,
-            layers=roller.layers(self.roller_seed + _APART),
+            layers=roller.layers(self.roller_seed + _ROLLER_SEED_OFFSET),
             roundness=self.roundness,
             flat=self.flat,
             seed=self.roller_seed,
         )
         return Envelope(
-            rubbed, sample_rate, lambda ways: below.at(path.spot(ways)) + ball.heights(ways), load
+            sliding,
+            sample_rate,
+            lambda ways: surface_layers.at(path.spot(ways)) + ball.heights(ways),
+            load,
         )
 
 
@@ -260,29 +274,33 @@ class Rubbing:
         require_positive(sample_rate=sample_rate)
         self._path = Path.over(model, contact.path, repeat=contact.repeat)
         self._speed, self._load = follow("speed", contact.speed), follow("load", load)
-        self._ahead = 1 if callable(contact.speed) or callable(load) else _AHEAD
+        self._chunk_count = 1 if callable(contact.speed) or callable(load) else _CHUNKS_AHEAD
         self._model, self._rate, self._patch = model, sample_rate, contact.patch
-        self._fade = max(1, round(FADE * sample_rate))
+        self._fade_samples = max(1, round(FADE_SECONDS * sample_rate))
         self._last = None if contact.seconds is None else round(contact.seconds * sample_rate)
         self._reader = contact.reader(model, sample_rate, self._path, self._load(0.0))
-        self._chunk, self._looked = 0, (self._speed(0.0), self._load(0.0))
+        self._chunk, self._last_control = 0, (self._speed(0.0), self._load(0.0))
         self._force, self._ways = np.zeros(0), np.zeros(0)  # computed, but not taken yet
         self._drives: deque[Array] = deque()
-        self._drives_every = 0  # samples
-        self._now, self._way, self._wait = 0, 0.0, 0  # samples and m since it began
-        self._begun = 0.0  # m, where the next chunk begins
+        self._drive_interval = 0  # samples
+        self._next_sample, self._distance, self._wait_samples = (
+            0,
+            0.0,
+            0,
+        )  # samples and m since it began
+        self._chunk_distance = 0.0  # m, where the next chunk begins
 
     def start(self, first: int, start: int) -> Self:
         """Begin at sample number `start`, as if playing since sample `first`."""
-        self._wait = max(0, first - start)
-        for begin in range(0, start - first, CHUNK):
-            self._take(min(CHUNK, start - first - begin))
+        self._wait_samples = max(0, first - start)
+        for offset in range(0, start - first, CHUNK):
+            self._take(min(CHUNK, start - first - offset))
         return self
 
     def advance(self, length: int) -> Push | None:
         """Return the push of the next `length` samples, None where there is no force in them."""
-        waiting = min(self._wait, length)
-        self._wait -= waiting
+        waiting = min(self._wait_samples, length)
+        self._wait_samples -= waiting
         if waiting == length or self.finished:
             return None
         force = np.zeros(length)
@@ -297,45 +315,47 @@ class Rubbing:
     @property
     def finished(self) -> bool:
         """Whether no force will come any more."""
-        return self._last is not None and self._now >= self._last + self._fade
+        return self._last is not None and self._next_sample >= self._last + self._fade_samples
 
     def _take(self, length: int) -> Array:
         """Return the next `length` samples of force, faded in and out."""
         while len(self._force) < length:
-            force, ways = self._more()
+            force, ways = self._compute_chunks()
             self._force = np.concatenate([self._force, force])
             self._ways = np.concatenate([self._ways, ways])
         force, ways = self._force[:length], self._ways[:length]
         self._force, self._ways = self._force[length:], self._ways[length:]
         if self._path.repeat == "once" and ways[-1] >= self._path.length:
-            end = self._now + int(np.searchsorted(ways, self._path.length))
+            end = self._next_sample + int(np.searchsorted(ways, self._path.length))
             self._last = end if self._last is None else min(self._last, end)
-        self._way = float(ways[-1])
-        self._now += length
-        return force * fading(self._now - length, length, self._fade, self._last)
+        self._distance = float(ways[-1])
+        self._next_sample += length
+        return force * fading(self._next_sample - length, length, self._fade_samples, self._last)
 
-    def _more(self) -> tuple[Array, Array]:
+    def _compute_chunks(self) -> tuple[Array, Array]:
         """Return force, N, and distance, m, of the next chunks."""
-        times = (self._chunk + np.arange(1, self._ahead + 1)) * (CHUNK / self._rate)
-        looks = [self._looked, *((self._speed(t), self._load(t)) for t in times.tolist())]
-        speeds, loads = np.array(looks).T
-        gone = (speeds[:-1] + speeds[1:]) * (CHUNK / 2 / self._rate)
-        before = np.cumsum(np.concatenate([[self._begun], gone]))
+        times = (self._chunk + np.arange(1, self._chunk_count + 1)) * (CHUNK / self._rate)
+        controls = [self._last_control, *((self._speed(t), self._load(t)) for t in times.tolist())]
+        speeds, loads = np.array(controls).T
+        distances = (speeds[:-1] + speeds[1:]) * (CHUNK / 2 / self._rate)
+        start_distances = np.cumsum(np.concatenate([[self._chunk_distance], distances]))
         rising = np.diff(speeds)[:, None] / 2
-        within = (speeds[:-1, None] + rising * _SHARES) * (_SHARES * (CHUNK / self._rate))
-        ways = (before[:-1, None] + within).reshape(-1)
-        held = (loads[:-1, None] + np.diff(loads)[:, None] * _SHARES).reshape(-1)
-        squeezes = self._reader.squeezes(0, self._path.spot(ways), ways, speeds, loads)
-        self._chunk += self._ahead
-        self._looked, self._begun = looks[-1], float(before[-1])
-        return limited(squeezes, held), ways
+        chunk_distances = (speeds[:-1, None] + rising * _FRACTIONS) * (
+            _FRACTIONS * (CHUNK / self._rate)
+        )
+        ways = (start_distances[:-1, None] + chunk_distances).reshape(-1)
+        chunk_loads = (loads[:-1, None] + np.diff(loads)[:, None] * _FRACTIONS).reshape(-1)
+        compressions = self._reader.squeezes(0, self._path.spot(ways), ways, speeds, loads)
+        self._chunk += self._chunk_count
+        self._last_control, self._chunk_distance = controls[-1], float(start_distances[-1])
+        return force_variation(compressions, chunk_loads), ways
 
     def _drive(self, length: int) -> Array:
         """Return how strongly a unit force drives each mode at the end of the block (M,)."""
         # Those of the next blocks are computed with it.
-        if length != self._drives_every or not self._drives:
-            ends = np.concatenate([[self._way], self._ways[length - 1 :: length]])
+        if length != self._drive_interval or not self._drives:
+            ends = np.concatenate([[self._distance], self._ways[length - 1 :: length]])
             normals = self._path.normal(ends)
-            found = drives_at(self._model, self._path.at(ends), -normals, radius=self._patch)
-            self._drives, self._drives_every = deque(found), length
+            drives = drives_at(self._model, self._path.at(ends), -normals, radius=self._patch)
+            self._drives, self._drive_interval = deque(drives), length
         return self._drives.popleft()

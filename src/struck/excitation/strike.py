@@ -28,7 +28,7 @@ from struck.model.model import ModalModel
 
 _DEFAULT_STRIKER = "wood"
 _DEFAULT_SPEED = 0.5
-_SHORTEST_TRANSIENT = 1e-3
+_MIN_TRANSIENT_SECONDS = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,15 +119,15 @@ class Strike:
         )
 
     def _require_one_strength(self) -> None:
-        given = {
+        values = {
             f"impulse is {self.impulse} N s": self.impulse,
             f"speed is {self.speed} m/s": self.speed,
             f"energy is {self.energy} J": self.energy,
         }
-        said = [text for text, value in given.items() if value is not None]
-        if len(said) > 1:
+        strengths = [text for text, value in values.items() if value is not None]
+        if len(strengths) > 1:
             raise OptionError(
-                f"{' and '.join(said)}: each follows from the other, so give one of them"
+                f"{' and '.join(strengths)}: each follows from the other, so give one of them"
             )
         if self.speed is not None and self.striker is None:
             raise OptionError(
@@ -141,8 +141,8 @@ class Strike:
         A model without mass, or held somewhere, counts as heavy, one without material as hard. The
         gains of recordings hold their own blow: where nothing is said, it is that one.
         """
-        said = (self.impulse, self.striker, self.speed, self.energy, self.duration)
-        if not (any(each is not None for each in said) or model.gains.of_surface):
+        options = (self.impulse, self.striker, self.speed, self.energy, self.duration)
+        if not (any(option is not None for option in options) or model.gains.of_surface):
             return Blow(impulse=1.0, duration=0.0)
         if self.impulse is not None and (self.striker is None or self.duration is not None):
             return Blow(impulse=self.impulse, duration=self.duration or 0.0)
@@ -179,7 +179,7 @@ class Strike:
         pulse = self.pulse(blow, sample_rate)
         if self.transient:
             noise = self._noise(blow, sample_rate)
-            pulse = _together(pulse, Samples(first=round(self.time * sample_rate), force=noise))
+            pulse = _add_samples(pulse, Samples(first=round(self.time * sample_rate), force=noise))
         return Burst.at(contact, pulse, model, patch=self.patch, start=start)
 
     def pulse(self, blow: Blow, sample_rate: float) -> Samples:
@@ -193,7 +193,7 @@ class Strike:
         )
 
     def _noise(self, blow: Blow, sample_rate: float) -> np.ndarray:
-        length = max(blow.duration, _SHORTEST_TRANSIENT) * sample_rate
+        length = max(blow.duration, _MIN_TRANSIENT_SECONDS) * sample_rate
         window = np.sin(np.pi * (np.arange(max(1, round(length))) + 0.5) / max(1, round(length)))
         noise = np.random.default_rng(int(self.seed)).standard_normal(len(window))
         strength = self.transient * blow.impulse * sample_rate
@@ -202,8 +202,8 @@ class Strike:
 
 def after_attack(strike: Strike, model: ModalModel) -> Strike:
     """Return the strike as its modes feel it: later by the attack that leads up to them."""
-    lead = 0.0 if model.residual is None else model.residual.lead
-    return replace(strike, time=strike.time + lead) if lead else strike
+    lead_seconds = 0.0 if model.residual is None else model.residual.lead
+    return replace(strike, time=strike.time + lead_seconds) if lead_seconds else strike
 
 
 def residual_of(strike: Strike, model: ModalModel, sample_rate: float) -> Samples | None:
@@ -218,11 +218,11 @@ def residual_of(strike: Strike, model: ModalModel, sample_rate: float) -> Sample
     pulse = strike.pulse(blow, sample_rate)
     from scipy.signal import oaconvolve
 
-    whole = np.asarray(oaconvolve(samples, pulse.force), np.float64) / sample_rate
-    return Samples(first=pulse.first, force=whole)
+    convolved_samples = np.asarray(oaconvolve(samples, pulse.force), np.float64) / sample_rate
+    return Samples(first=pulse.first, force=convolved_samples)
 
 
-def unyielding(
+def note_yielding(
     strikes: Sequence[Strike],
     blows: Sequence[Blow],
     contacts: Sequence[Contact],
@@ -234,31 +234,33 @@ def unyielding(
     `drives` (K, M), kg^-1/2, are those of the modes at each contact. Hertz's blow meets a rigid
     body; a light one yields while it is touched, and takes less.
     """
-    shares = [0.0]
+    energy_ratios = [0.0]
     for strike, blow, contact, drive in zip(strikes, blows, contacts, drives, strict=True):
         if strike.striker is None and strike.impulse is not None:
             continue
         striker = Striker.named(strike.striker or _DEFAULT_STRIKER)
         gain = _mass_in_contact(striker, model, contact) * (1 + striker.restitution)
-        brought = striker.mass * (blow.impulse / gain) ** 2
-        taken = blow.impulse * SPECTRA[strike.shape](model.frequencies * blow.duration) * drive
-        shares.append(float(np.vdot(taken, taken)) / brought)
-    most, many = max(shares), sum(share > 1 for share in shares)
-    told = (
-        f"{many} of {len(strikes)} strikes leave up to {rounded(most, 2)} times the striker's "
-        "energy in the modes: the body is too light to stay at rest under the blow, and would "
-        f"sound at least {10 * np.log10(max(most, 1.0)):.1f} dB softer; take a lighter or a softer "
-        "striker"
+        striker_energy = striker.mass * (blow.impulse / gain) ** 2
+        mode_amplitudes = (
+            blow.impulse * SPECTRA[strike.shape](model.frequencies * blow.duration) * drive
+        )
+        energy_ratios.append(float(np.vdot(mode_amplitudes, mode_amplitudes)) / striker_energy)
+    max_ratio, count = max(energy_ratios), sum(ratio > 1 for ratio in energy_ratios)
+    note = (
+        f"{count} of {len(strikes)} strikes leave up to {rounded(max_ratio, 2)} times the "
+        "striker's energy in the modes: the body is too light to stay at rest under the blow, and "
+        f"would sound at least {10 * np.log10(max(max_ratio, 1.0)):.1f} dB softer; take a lighter "
+        "or a softer striker"
     )
-    return told if many else ""
+    return note if count else ""
 
 
-def _together(one: Samples, other: Samples) -> Samples:
-    first = min(one.first, other.first)
-    force = np.zeros(max(part.first + len(part.force) for part in (one, other)) - first)
-    for part in (one, other):
-        begin = part.first - first
-        force[begin : begin + len(part.force)] += part.force
+def _add_samples(samples_a: Samples, samples_b: Samples) -> Samples:
+    first = min(samples_a.first, samples_b.first)
+    force = np.zeros(max(part.first + len(part.force) for part in (samples_a, samples_b)) - first)
+    for part in (samples_a, samples_b):
+        offset = part.first - first
+        force[offset : offset + len(part.force)] += part.force
     return Samples(first=first, force=force)
 
 

@@ -26,10 +26,10 @@ from struck.model.arrays import Array, Index
 
 CHUNK = 64  # samples between two rows of weights, as in the core
 _FACTOR = 2.0  # between the spacings of neighbouring layers
-_FINEST = 0.4  # spacing of the finest layer, of the shortest wave
-_COARSEST = 1.5  # spacing of the coarsest one, of the longest wave that matters
-_FARTHEST = 1e4  # lattices are shifted by up to so many cells
-_LARGEST = 2e15  # cell that a place can be told apart in
+_FINEST_RATIO = 0.4  # spacing of the finest layer, of the shortest wave
+_COARSEST_RATIO = 1.5  # spacing of the coarsest one, of the longest wave that matters
+_MAX_SHIFT = 1e4  # lattices are shifted by up to so many cells
+_MAX_CELL = 2e15  # cell that a place can be told apart in
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -38,7 +38,7 @@ class Layers:
 
     spacings: Array  # (O,), m
     heights: Array  # (O,), m: factors of values of variance 1 at the corners
-    turned: Array  # (O, 3, 3): from places to cells
+    matrices: Array  # (O, 3, 3): from places to cells
     shifts: Array  # (O, 3)
     seeds: Index  # (O,)
 
@@ -46,12 +46,12 @@ class Layers:
     def of(cls, spacings: Array, heights: Array, seed: int) -> Layers:
         """Return layers whose orientations, shifts and values follow from the seed."""
         random = np.random.default_rng(seed)
-        turns = Rotation.random(len(spacings), rng=random).as_matrix()
+        rotations = Rotation.random(len(spacings), rng=random).as_matrix()
         return cls(
             spacings=spacings,
             heights=heights,
-            turned=np.ascontiguousarray(turns / spacings[:, None, None]),
-            shifts=random.uniform(0, _FARTHEST, (len(spacings), 3)),
+            matrices=np.ascontiguousarray(rotations / spacings[:, None, None]),
+            shifts=random.uniform(0, _MAX_SHIFT, (len(spacings), 3)),
             seeds=random.integers(0, 1 << 32, len(spacings)),
         )
 
@@ -67,34 +67,36 @@ def add_heights(layers: Layers, weights: Array, first: int, places: Array, out: 
 
     Weights go in a straight line from row to row in 64 samples, `first` of which are over.
     """
-    compiled = entry("texture_add_heights")
-    if compiled is None:
+    compiled_loop = entry("texture_add_heights")
+    if compiled_loop is None:
         add_heights_plainly(layers, weights, first, places, out)
         return
-    lattices = layers.turned, layers.shifts, layers.seeds, len(layers.seeds)
-    along, across = (stride // places.itemsize for stride in places.strides)
-    where = places.ctypes.data, along, across, len(places)
-    compiled(*lattices, weights, first, *where, out)
+    lattices = layers.matrices, layers.shifts, layers.seeds, len(layers.seeds)
+    sample_stride, axis_stride = (stride // places.itemsize for stride in places.strides)
+    point_arguments = places.ctypes.data, sample_stride, axis_stride, len(places)
+    compiled_loop(*lattices, weights, first, *point_arguments, out)
 
 
 def add_heights_plainly(
     layers: Layers, weights: Array, first: int, places: Array, out: Array
 ) -> None:
     """Add the heights of layers like `add_heights`, in plain NumPy."""
-    rows, begun = np.divmod(first + np.arange(len(places)), CHUNK)
-    share = (begun[:, None] + 1) / CHUNK
-    weight = weights[rows] + share * (weights[rows + 1] - weights[rows])
-    for layer, (turned, shift) in enumerate(zip(layers.turned, layers.shifts, strict=True)):
-        cells = places @ turned.T + shift
-        below = np.floor(cells)
-        known = np.all(np.abs(below) < _LARGEST, axis=1)
-        part = blend(cells[known] - below[known])
-        corners = _corners(below[known].astype(np.int64), int(layers.seeds[layer]))
+    rows, offsets = np.divmod(first + np.arange(len(places)), CHUNK)
+    fraction = (offsets[:, None] + 1) / CHUNK
+    weight = weights[rows] + fraction * (weights[rows + 1] - weights[rows])
+    for layer, (matrix, shift) in enumerate(zip(layers.matrices, layers.shifts, strict=True)):
+        cells = places @ matrix.T + shift
+        corner_cells = np.floor(cells)
+        is_representable = np.all(np.abs(corner_cells) < _MAX_CELL, axis=1)
+        part = blend(cells[is_representable] - corner_cells[is_representable])
+        corners = _corners(
+            corner_cells[is_representable].astype(np.int64), int(layers.seeds[layer])
+        )
         for axis in (2, 1, 0):
             corners = corners[..., 0] + part[:, axis].reshape(-1, *[1] * axis) * (
                 corners[..., 1] - corners[..., 0]
             )
-        out[known] += weight[known, layer] * corners
+        out[is_representable] += weight[is_representable, layer] * corners
 
 
 def blend(shares: Array) -> Array:
@@ -119,21 +121,25 @@ def _mixed(x: np.ndarray) -> np.ndarray:
 
 def spacings_of(shortest: float, longest: float) -> Array:
     """Return the spacings of layers that hold waves between two lengths, m, coarsest first."""
-    coarsest, finest = _COARSEST * longest, _FINEST * shortest
-    count = max(1, int(np.ceil(np.log(coarsest / finest) / np.log(_FACTOR))) + 1)
-    return coarsest * (finest / coarsest) ** (np.arange(count) / max(1, count - 1))
+    coarsest_spacing, finest_spacing = _COARSEST_RATIO * longest, _FINEST_RATIO * shortest
+    count = max(1, int(np.ceil(np.log(coarsest_spacing / finest_spacing) / np.log(_FACTOR))) + 1)
+    return coarsest_spacing * (finest_spacing / coarsest_spacing) ** (
+        np.arange(count) / max(1, count - 1)
+    )
 
 
-def fitted(law: Callable[[Array], Array], shortest: float, longest: float) -> tuple[Array, Array]:
+def fit_layers(
+    law: Callable[[Array], Array], shortest: float, longest: float
+) -> tuple[Array, Array]:
     """Return spacings and heights (O,), m, of layers whose spectrum follows a law of wavenumbers.
 
     The law takes cycles/m and gives m^2 per cycle/m, one-sided.
     """
     spacings = spacings_of(shortest, longest)
     waves = np.geomspace(0.02 / longest, 1 / shortest, 300)
-    wanted = law(waves)
+    target = law(waves)
     humps = hump(waves[:, None] * spacings) * spacings
-    powers, _ = nnls(humps / wanted[:, None], np.ones(len(waves)))
+    powers, _ = nnls(humps / target[:, None], np.ones(len(waves)))
     return spacings[powers > 0], np.sqrt(powers[powers > 0])
 
 
@@ -144,20 +150,22 @@ def variance() -> float:
 
 def hump(waves: Array) -> Array:
     """Return the one-sided spectrum of a layer along a line, waves in cycles a spacing."""
-    known, spectrum = _hump()
-    return np.interp(waves, known, spectrum, right=0.0)
+    wavenumbers, spectrum = _hump()
+    return np.interp(waves, wavenumbers, spectrum, right=0.0)
 
 
 @cache
 def _hump() -> tuple[Array, Array]:
     lags, covariance = _covariance()
     waves = np.concatenate([[0.0], np.geomspace(1e-2, 3.0, 200)])
-    along = np.linspace(0, 2 * np.sqrt(3), 600)
+    distances = np.linspace(0, 2 * np.sqrt(3), 600)
     random = np.random.default_rng(0).standard_normal((200, 3))
     axes = random / np.linalg.norm(random, axis=1)[:, None]
-    parts = np.interp(np.abs(axes[:, :, None] * along), lags, covariance, right=0.0)
+    parts = np.interp(np.abs(axes[:, :, None] * distances), lags, covariance, right=0.0)
     mean = parts.prod(axis=1).mean(axis=0)
-    spectrum = 4 * np.trapezoid(np.cos(2 * np.pi * waves[:, None] * along) * mean, along, axis=1)
+    spectrum = 4 * np.trapezoid(
+        np.cos(2 * np.pi * waves[:, None] * distances) * mean, distances, axis=1
+    )
     return waves, np.maximum(spectrum, 0.0)
 
 

@@ -20,21 +20,21 @@ from numpy.typing import ArrayLike
 
 from struck.core import entry
 from struck.errors import ContactError, OptionError, rounded
-from struck.excitation.excitation import HEAVIEST, Push, drive, drive_at, drives_at
-from struck.excitation.friction import FADE, Reader, Tool, fading, limited
+from struck.excitation.excitation import MAX_LOAD, Push, drive, drive_at, drives_at
+from struck.excitation.friction import FADE_SECONDS, Reader, Tool, fading, force_variation
 from struck.excitation.texture import CHUNK
 from struck.model.arrays import Array, Index, Mask, checked
 from struck.model.contact import Contact, Place
 from struck.model.model import ModalModel
 
-SLOWEST, FASTEST = 60.0, 1000.0  # Hz, of updates that ramps adapt to
-USUAL = 100.0  # Hz, expected before there were two updates
+MIN_RATE, MAX_RATE = 60.0, 1000.0  # Hz, of updates that ramps adapt to
+DEFAULT_RATE = 100.0  # Hz, expected before there were two updates
 
-_CALM = 0.25  # how soon the length of ramps follows the rate of updates
-_PAUSE = 1.2  # times the slowest rate's interval: then it is no interval but a pause
+_SMOOTHING = 0.25  # how soon the length of ramps follows the rate of updates
+_PAUSE_RATIO = 1.2  # times the slowest rate's interval: then it is no interval but a pause
 _PRESSED, _MOVING, _LOAD, _SPEED, _PLACE, _DRIVE = 0, 1, 2, 3, 4, 7  # columns of lines
-_STRETCH, _MOST_BLOCKS = 4096, 32  # samples, and blocks, of a log that are computed at once
-_MOVES = 0.5  # share of the speed by which a place must move to be where the surface is felt
+_STRETCH_SAMPLES, _MAX_BLOCKS = 4096, 32  # samples, and blocks, of a log that are computed at once
+_MOVING_RATIO = 0.5  # share of the speed by which a place must move to be where the surface is felt
 
 
 class Update(NamedTuple):
@@ -60,17 +60,17 @@ class Updates(NamedTuple):
     last: Update
 
     @classmethod
-    def of(cls, words: list[Update]) -> Updates | None:
+    def of(cls, updates: list[Update]) -> Updates | None:
         """Return single updates as one; None of none."""
-        if not words:
+        if not updates:
             return None
         return cls(
-            samples=np.array([word.sample for word in words]),
-            points=np.array([word.point for word in words]),
-            drives=np.array([word.drive for word in words]),
-            forces=np.array([word.force for word in words]),
-            speeds=np.array([word.speed for word in words]),
-            last=words[-1],
+            samples=np.array([update.sample for update in updates]),
+            points=np.array([update.point for update in updates]),
+            drives=np.array([update.drive for update in updates]),
+            forces=np.array([update.force for update in updates]),
+            speeds=np.array([update.speed for update in updates]),
+            last=updates[-1],
         )
 
 
@@ -93,20 +93,20 @@ class Touching:
         self.now = start
         self._tool = tool or Tool()
         self._updates: deque[Update] = deque()
-        self._heard: Update | None = None
-        self._said: tuple[ModalModel, Contact, Array] | None = None
-        self._interval = sample_rate / USUAL
+        self._last_update: Update | None = None
+        self._last_contact: tuple[ModalModel, Contact, Array] | None = None
+        self._interval = sample_rate / DEFAULT_RATE
         self._line = Line(start - 1, 1, np.zeros(_DRIVE), np.zeros(_DRIVE))
-        self._pushed = np.zeros(0)  # drive of the last push
-        self._spot = np.zeros(3)  # where on its surface it is felt next, m
+        self._last_drive = np.zeros(0)  # drive of the last push
+        self._surface_point = np.zeros(3)  # where on its surface it is felt next, m
         self._last_place = np.zeros(0)  # where the last update was, m
         self._window = self._tool.window(sample_rate)
-        self._before: Array = np.zeros(len(self._window) - 1)
-        self._fade = max(1, round(FADE * sample_rate))
+        self._load_history: Array = np.zeros(len(self._window) - 1)
+        self._fade_samples = max(1, round(FADE_SECONDS * sample_rate))
         self._reader = Reader(self._tool.on(model), sample_rate)
-        self._looks = np.zeros((2, 2))  # speed, load where the last chunk began and this one
-        self._way = 0.0  # m
-        self._rubbed_for, self._skipped, self._still = 0, 0, 0  # samples
+        self._controls = np.zeros((2, 2))  # speed, load where the last chunk began and this one
+        self._distance = 0.0  # m
+        self._rubbed_samples, self._skipped_samples, self._still_samples = 0, 0, 0  # samples
         self.ended = False
 
     @property
@@ -121,7 +121,7 @@ class Touching:
 
     def resume(self, sample: int) -> None:
         """Go on in the block that begins at this sample, after rest for which it was not asked."""
-        self._skipped += sample - self.now if self._heard else 0
+        self._skipped_samples += sample - self.now if self._last_update else 0
         self.now = sample
 
     def update(
@@ -134,11 +134,11 @@ class Touching:
         sample: int | None = None,
     ) -> Update:
         """Follow a new place, load, N, and velocity along the surface, m/s; a load of 0 lets go."""
-        word = self.word(at, force, velocity, direction=direction, sample=sample)
-        self.follow(word)
-        return word
+        update = self.make_update(at, force, velocity, direction=direction, sample=sample)
+        self.follow(update)
+        return update
 
-    def word(
+    def make_update(
         self,
         at: Contact | Place,
         force: float,
@@ -148,82 +148,87 @@ class Touching:
         sample: int | None = None,
     ) -> Update:
         """Return the checked `Update` that `update` would follow."""
-        if not 0 <= force <= HEAVIEST:
-            raise OptionError(f"force is {force}: it must lie from 0 to {rounded(HEAVIEST)} N")
+        if not 0 <= force <= MAX_LOAD:
+            raise OptionError(f"force is {force}: it must lie from 0 to {rounded(MAX_LOAD)} N")
         vector, load = np.asarray(velocity, np.float64), float(force)
         if vector.ndim > 1 or not np.isfinite(vector).all():
             raise OptionError(f"velocity is {velocity!r}: give a finite number or (x, y, z) in m/s")
         speed = float(np.linalg.norm(vector))
-        model, said = self._model, self._said  # `change` may be called from another thread
+        model, last_contact = (
+            self._model,
+            self._last_contact,
+        )  # `change` may be called from another thread
         contact = at if isinstance(at, Contact) else model.contact(at, direction)
-        if said is not None and said[0] is model and said[1] is contact:
-            drives = said[2]
+        if last_contact is not None and last_contact[0] is model and last_contact[1] is contact:
+            drives = last_contact[2]
         else:
             drives = drive(model, contact, radius=self._tool.patch)
         number = self.now if sample is None else sample
         point = contact.point.tolist()
-        self._said = model, contact, drives
+        self._last_contact = model, contact, drives
         return Update(number, point, contact.direction, contact.normal, drives, load, speed)
 
     def grasps(self, points: Array, directions: Array | None) -> Grasps:
         """Return the contacts and drives at points (K, D)."""
         model, patch = self._model, self._tool.patch
-        places, ways, normals, faces = model.contacts(points, directions)
+        places, load_directions, normals, faces = model.contacts(points, directions)
         if patch:
-            rows = zip(places, normals, ways, strict=True)
+            rows = zip(places, normals, load_directions, strict=True)
             drives = np.array([drive_at(model, *row, radius=patch) for row in rows])
         else:
-            drives = drives_at(model, places, ways, faces=faces)
-        return Grasps(places, ways, normals, drives)
+            drives = drives_at(model, places, load_directions, faces=faces)
+        return Grasps(places, load_directions, normals, drives)
 
     def copied(self) -> Touching:
         """Return a copy of the touch that goes on independently."""
-        other = copy(self)
-        other._updates = deque(self._updates)  # noqa: SLF001 - all else is replaced, not changed
-        return other
+        duplicate = copy(self)
+        duplicate._updates = deque(self._updates)  # noqa: SLF001 - all else is replaced, not changed
+        return duplicate
 
-    def follow(self, word: Update) -> None:
+    def follow(self, update: Update) -> None:
         """Follow an update from its sample on."""
-        self._updates.append(word)
+        self._updates.append(update)
 
     def change(self, model: ModalModel) -> None:
         """Continue on a changed body: drives move in a line to the drives of the new one."""
         self._model = model
-        held = self._heard
-        if held is not None:
-            place, patch = np.array(held.point), self._tool.patch
-            drives = drive_at(model, place, held.normal, held.direction, radius=patch)
-            now, end = self._line.at(self.now), self._line.high.copy()
-            end[_DRIVE:] = drives
+        last_update = self._last_update
+        if last_update is not None:
+            place, patch = np.array(last_update.point), self._tool.patch
+            drives = drive_at(model, place, last_update.normal, last_update.direction, radius=patch)
+            current_values, target_values = self._line.at(self.now), self._line.high.copy()
+            target_values[_DRIVE:] = drives
             left = self._line.begin + self._line.length - self.now
-            self._line = Line(self.now, max(1, left, round(self._interval)), now, end)
+            self._line = Line(
+                self.now, max(1, left, round(self._interval)), current_values, target_values
+            )
 
     @property
     def load(self) -> float:
         """Load at the end of the last block, N."""
-        now = self._line.at(self.now)
-        return float(now[_LOAD] * now[_PRESSED])
+        values = self._line.at(self.now)
+        return float(values[_LOAD] * values[_PRESSED])
 
     def advance(self, length: int) -> Push | None:
         """Return the push of the next `length` samples, None where there is no force in them."""
-        words = []
+        updates = []
         while self._updates and self._updates[0].sample < self.now + length:
-            words.append(self._updates.popleft())
-        return self.stretch(length, 1, Updates.of(words))[0]
+            updates.append(self._updates.popleft())
+        return self.stretch(length, 1, Updates.of(updates))[0]
 
-    def stretch(self, length: int, count: int, told: Updates | None) -> list[Push | None]:
+    def stretch(self, length: int, count: int, updates: Updates | None) -> list[Push | None]:
         """Return the pushes of the next `count` blocks of `length` samples, computed together.
 
         All updates that take effect in them are `told`.
         """
-        begin, end = self.now, self.now + length * count
-        first = 0 if self._heard else length * count
-        lines = self._lines(told)
-        if told is not None:
-            first = min(first, int(lines[0][1]) - begin)
-        drives = self._drives(lines, np.arange(begin + length, end + 1, length))
-        courses = each_sample(lines, begin, end, _DRIVE)
-        self.now, self._line = end, Line(*(each[-1] for each in lines))
+        start, end = self.now, self.now + length * count
+        first = 0 if self._last_update else length * count
+        lines = self._lines(updates)
+        if updates is not None:
+            first = min(first, int(lines[0][1]) - start)
+        drives = self._drives(lines, np.arange(start + length, end + 1, length))
+        courses = sample_lines(lines, start, end, _DRIVE)
+        self.now, self._line = end, Line(*(values[-1] for values in lines))
         if count == 1 or courses[_PRESSED].all():
             forces = self._forces(courses, first, length)
         else:
@@ -242,13 +247,13 @@ class Touching:
     def _drives(self, lines: Lines, samples: Index) -> list[Array]:
         """Return the drives before some samples; equal drives are the same array."""
         drives = numbers_at(lines, samples, _DRIVE)
-        same = [np.array_equal(drives[0], self._pushed)]
-        same += (drives[1:] == drives[:-1]).all(axis=1).tolist()
-        found = []
-        for row, known in zip(drives, same, strict=True):
-            self._pushed = self._pushed if known else row
-            found.append(self._pushed)
-        return found
+        is_same = [np.array_equal(drives[0], self._last_drive)]
+        is_same += (drives[1:] == drives[:-1]).all(axis=1).tolist()
+        shared_drives = []
+        for row, is_equal in zip(drives, is_same, strict=True):
+            self._last_drive = self._last_drive if is_equal else row
+            shared_drives.append(self._last_drive)
+        return shared_drives
 
     def _forces(self, courses: Array, first: int, length: int) -> list[Array | None]:
         """Return the force of each block of a stretch; None in place of one that is silent."""
@@ -256,77 +261,87 @@ class Touching:
         if first >= courses.shape[1] or self._rests(length, courses[_PRESSED]):
             return [None] * count
         pressed, moving, loads, speeds = courses[:_PLACE]
-        longer = np.concatenate([self._before, loads * pressed])
-        self._before = longer[len(loads) :]
-        force = smoothed(longer, self._window)
-        places = courses[_PLACE:, first:].T
-        force[first:] += self._rub(places, loads[first:], speeds[first:]) * moving[first:]
+        extended_loads = np.concatenate([self._load_history, loads * pressed])
+        self._load_history = extended_loads[len(loads) :]
+        force = smooth_numbers(extended_loads, self._window)
+        points = courses[_PLACE:, first:].T
+        force[first:] += self._rub(points, loads[first:], speeds[first:]) * moving[first:]
         return list(force.reshape(count, length))
 
-    def _lines(self, told: Updates | None) -> Lines:
+    def _lines(self, updates: Updates | None) -> Lines:
         """Return the lines of all numbers, from now on, that updates ask for."""
         line = self._line
-        begins, lengths = np.array([line.begin]), np.array([line.length])
-        if told is None:
-            return begins, lengths, line.low[None], line.high[None]
-        count, columns = len(told.samples), _DRIVE + told.drives.shape[1]
+        start_samples, lengths = np.array([line.begin]), np.array([line.length])
+        if updates is None:
+            return start_samples, lengths, line.low[None], line.high[None]
+        count, columns = len(updates.samples), _DRIVE + updates.drives.shape[1]
         if len(line.low) < columns:  # no drive was known
             line = Line(*line[:2], *np.zeros((2, columns)))
         highs = np.empty((1 + count, columns))
         highs[0] = line.high
-        gaps = self._aim(told, highs)
-        earliest = max(self.now, line.begin)
-        begins = np.append(begins, np.maximum.accumulate(np.maximum(told.samples, earliest)))
+        gaps = self._aim(updates, highs)
+        min_sample = max(self.now, line.begin)
+        start_samples = np.append(
+            start_samples, np.maximum.accumulate(np.maximum(updates.samples, min_sample))
+        )
         lengths = np.append(lengths, gaps)
-        return begins, lengths, joined(begins, lengths, line.low, highs), highs
+        return start_samples, lengths, join_lines(start_samples, lengths, line.low, highs), highs
 
-    def _aim(self, told: Updates, highs: Array) -> Index:
+    def _aim(self, updates: Updates, highs: Array) -> Index:
         """Fill in where updates want all numbers (1 + K, N), after the first row; return how soon.
 
         A load of 0 lets go: the last one stays, and is no longer pressed.
         """
-        pressed, targets = told.forces > 0, highs[1:]
-        last = np.maximum.accumulate(np.where(pressed, np.arange(1, len(highs)), 0))
-        speeds = np.where(pressed, told.speeds, 0.0)
-        before = told.samples[0] if self._heard is None else self._heard.sample
-        between = np.diff(told.samples, prepend=before)
-        targets[:, _PLACE:_DRIVE] = self._spots(told.points, speeds * between / self._rate)
-        self._heard = told.last
-        targets[:, _PRESSED], targets[:, _MOVING], targets[:, _SPEED] = pressed, speeds > 0, speeds
-        targets[:, _LOAD], targets[:, _DRIVE:] = told.forces, told.drives
-        targets[:, _LOAD] = highs[last, _LOAD]
-        return self._gaps(between)
+        is_pressed, target_rows = updates.forces > 0, highs[1:]
+        last = np.maximum.accumulate(np.where(is_pressed, np.arange(1, len(highs)), 0))
+        speeds = np.where(is_pressed, updates.speeds, 0.0)
+        previous_sample = (
+            updates.samples[0] if self._last_update is None else self._last_update.sample
+        )
+        intervals = np.diff(updates.samples, prepend=previous_sample)
+        target_rows[:, _PLACE:_DRIVE] = self._find_surface_points(
+            updates.points, speeds * intervals / self._rate
+        )
+        self._last_update = updates.last
+        target_rows[:, _PRESSED], target_rows[:, _MOVING], target_rows[:, _SPEED] = (
+            is_pressed,
+            speeds > 0,
+            speeds,
+        )
+        target_rows[:, _LOAD], target_rows[:, _DRIVE:] = updates.forces, updates.drives
+        target_rows[:, _LOAD] = highs[last, _LOAD]
+        return self._gaps(intervals)
 
-    def _spots(self, points: Array, ways: Array) -> Array:
+    def _find_surface_points(self, points: Array, distances: Array) -> Array:
         """Return the places of the surface that are felt, m (K, 3): the points said, if they move.
 
         Where a point stands still, the surface moves past under it: it goes on by the way it was
         said to go, m (K,), along a line of its own.
         """
-        places = self._placed(points)
+        places = self._to_space(points)
         steps, axes = np.zeros((len(places), 3)), places.shape[1]
-        if self._heard is None:
-            self._last_place, self._spot = places[0], np.zeros(3)
-            self._spot[:axes] = places[0]
+        if self._last_update is None:
+            self._last_place, self._surface_point = places[0], np.zeros(3)
+            self._surface_point[:axes] = places[0]
         steps[0, :axes] = places[0] - self._last_place
         steps[1:, :axes] = places[1:] - places[:-1]
-        still = np.sqrt(np.vecdot(steps, steps)) < _MOVES * ways
-        steps[still] = ways[still, None] * [1.0, 0.0, 0.0]
-        spots = self._spot + np.cumsum(steps, axis=0)
-        self._last_place, self._spot = places[-1], spots[-1]
-        return np.asarray(spots, np.float64)
+        is_still = np.sqrt(np.vecdot(steps, steps)) < _MOVING_RATIO * distances
+        steps[is_still] = distances[is_still, None] * [1.0, 0.0, 0.0]
+        surface_points = self._surface_point + np.cumsum(steps, axis=0)
+        self._last_place, self._surface_point = places[-1], surface_points[-1]
+        return np.asarray(surface_points, np.float64)
 
-    def _placed(self, points: Array) -> Array:
+    def _to_space(self, points: Array) -> Array:
         """Return where contacts are in space, m (K, D); none on a recorded body without chart."""
         if not self._model.recorded:
             return points
         chart = self._model.chart
         return points[:, :0] if chart is None else chart.places(points)
 
-    def _gaps(self, between: Index) -> Index:
+    def _gaps(self, intervals: Index) -> Index:
         """Return the likely number of samples from each update to the next."""
-        bounds = self._rate / FASTEST / _PAUSE, self._rate / SLOWEST * _PAUSE
-        gaps, self._interval = expected(between, *bounds, self._interval)
+        bounds = self._rate / MAX_RATE / _PAUSE_RATIO, self._rate / MIN_RATE * _PAUSE_RATIO
+        gaps, self._interval = expect_gaps(intervals, *bounds, self._interval)
         return gaps
 
     def _is_off(self) -> bool:
@@ -335,32 +350,38 @@ class Touching:
     def _rests(self, length: int, pressed: Array) -> bool:
         """Return whether a block is silent, smoothing included; count silent samples."""
         if pressed.any():
-            self._still = 0
+            self._still_samples = 0
             return False
-        self._still += length
-        if self._still < length + len(self._window) + 2 * CHUNK:
+        self._still_samples += length
+        if self._still_samples < length + len(self._window) + 2 * CHUNK:
             return False
-        self._skipped += length
+        self._skipped_samples += length
         return True
 
-    def _rub(self, places: Array, loads: Array, speeds: Array) -> Array:
+    def _rub(self, points: Array, loads: Array, speeds: Array) -> Array:
         """Return the force of the surface at places (n, 3) under loads and speeds (n,), N."""
         count = len(loads)
         if not count:
             return np.zeros(0)
-        if self._skipped:  # at rest it was not asked
-            self._rubbed_for += self._skipped
-            self._skipped, self._looks = 0, np.array([(0.0, loads[0])] * 2)
-        first = self._rubbed_for
-        looked = np.arange(-first % CHUNK, count, CHUNK)
-        looks = np.concatenate([self._looks, np.stack([speeds[looked], loads[looked]], axis=1)])
-        begun = first % CHUNK
-        row = 0 if begun else 1  # of the look at the begin of the chunk before the first sample's
-        ways = self._way + np.cumsum(speeds) / self._rate
-        squeezes = self._reader.squeezes(begun, places, ways, *looks[row:].T.copy())
-        self._looks, self._way = looks[-2:], float(ways[-1])
-        self._rubbed_for += count
-        return limited(squeezes, loads) * fading(first, count, self._fade, None)
+        if self._skipped_samples:  # at rest it was not asked
+            self._rubbed_samples += self._skipped_samples
+            self._skipped_samples, self._controls = 0, np.array([(0.0, loads[0])] * 2)
+        first = self._rubbed_samples
+        control_rows = np.arange(-first % CHUNK, count, CHUNK)
+        controls = np.concatenate(
+            [self._controls, np.stack([speeds[control_rows], loads[control_rows]], axis=1)]
+        )
+        chunk_offset = first % CHUNK
+        row = (
+            0 if chunk_offset else 1
+        )  # of the look at the begin of the chunk before the first sample's
+        distances = self._distance + np.cumsum(speeds) / self._rate
+        compressions = self._reader.squeezes(
+            chunk_offset, points, distances, *controls[row:].T.copy()
+        )
+        self._controls, self._distance = controls[-2:], float(distances[-1])
+        self._rubbed_samples += count
+        return force_variation(compressions, loads) * fading(first, count, self._fade_samples, None)
 
 
 @checked
@@ -404,7 +425,7 @@ class TouchLog:
         object.__setattr__(self, "times", times)
         if self.points is not None:
             object.__setattr__(self, "points", _rows("points", self.points, len(times), (1, 2, 3)))
-        object.__setattr__(self, "forces", _column("forces", self.forces, len(times), HEAVIEST))
+        object.__setattr__(self, "forces", _column("forces", self.forces, len(times), MAX_LOAD))
         object.__setattr__(self, "speeds", _column("speeds", self.speeds, len(times), np.inf))
         if self.directions is not None:
             directions = _rows("directions", self.directions, len(times), (3,))
@@ -431,19 +452,21 @@ class TouchLog:
 
     def places(self, numbers: Index) -> tuple[Array | None, Array | None]:
         """Return the points (K, D) and directions (K, 3) at `numbers` (K,); None if not logged."""
-        given = (self.points, self.directions)
-        points, ways = (None if rows is None else np.asarray(rows)[numbers] for rows in given)
-        return points, ways
+        tables = (self.points, self.directions)
+        points, load_directions = (
+            None if rows is None else np.asarray(rows)[numbers] for rows in tables
+        )
+        return points, load_directions
 
     def moves(self) -> Mask:
         """Return which updates (K,) have another place or direction than the one before."""
-        moved = np.zeros(len(np.asarray(self.times)), np.bool_)
-        moved[0] = True
+        is_moved = np.zeros(len(np.asarray(self.times)), np.bool_)
+        is_moved[0] = True
         for rows in (
-            np.asarray(each) for each in (self.points, self.directions) if each is not None
+            np.asarray(values) for values in (self.points, self.directions) if values is not None
         ):
-            moved[1:] |= np.any(rows[1:] != rows[:-1], axis=1)
-        return moved
+            is_moved[1:] |= np.any(rows[1:] != rows[:-1], axis=1)
+        return is_moved
 
 
 class Replay:
@@ -459,11 +482,14 @@ class Replay:
         self._touching = Touching(model, sample_rate, tool=log.tool, start=start)
         self._log, self._model, self._next = log, model, 0
         self._samples = np.round(np.asarray(log.times) * sample_rate).astype(np.int64)
-        self._moved = log.moves()
+        self._is_moved = log.moves()
         self._last: Grasps | None = None
         self._ready: deque[Push | None] = deque()
-        self._length, self._given = 0, 0  # of blocks, samples, and how many of a stretch were given
-        self._before = self._kept()
+        self._length, self._given_count = (
+            0,
+            0,
+        )  # of blocks, samples, and how many of a stretch were given
+        self._last_state = self._copy_state()
 
     def advance(self, length: int) -> Push | None:
         """Return the push of the next `length` samples; ContactError off the body."""
@@ -471,14 +497,14 @@ class Replay:
             self._return()
             self._length = length
         if not self._ready:
-            self._before, self._given = self._kept(), 0
-            count = max(1, min(_MOST_BLOCKS, _STRETCH // length))
+            self._last_state, self._given_count = self._copy_state(), 0
+            count = max(1, min(_MAX_BLOCKS, _STRETCH_SAMPLES // length))
             try:
                 self._ready.extend(self._stretch(count))
             except ContactError:  # perhaps not of this block
                 self._restore()
                 self._ready.extend(self._stretch(1))
-        self._given += 1
+        self._given_count += 1
         return self._ready.popleft()
 
     def change(self, model: ModalModel) -> None:
@@ -486,7 +512,7 @@ class Replay:
         self._return()
         self._model, self._last = model, None
         self._touching.change(model)
-        self._before = self._kept()
+        self._last_state = self._copy_state()
 
     @property
     def finished(self) -> bool:
@@ -495,46 +521,46 @@ class Replay:
 
     def _stretch(self, count: int) -> list[Push | None]:
         end = self._touching.now + count * self._length
-        begin, self._next = self._next, int(np.searchsorted(self._samples, end))
-        told = self._updates(begin, self._next) if self._next > begin else None
-        return self._touching.stretch(self._length, count, told)
+        first, self._next = self._next, int(np.searchsorted(self._samples, end))
+        updates = self._updates(first, self._next) if self._next > first else None
+        return self._touching.stretch(self._length, count, updates)
 
     def _return(self) -> None:
         """Go back to the end of the samples already given out."""
         if self._ready:
-            given = self._given
+            given_count = self._given_count
             self._restore()
-            if given:
-                self._stretch(given)
+            if given_count:
+                self._stretch(given_count)
 
-    def _kept(self) -> tuple[Touching, int, Grasps | None]:
+    def _copy_state(self) -> tuple[Touching, int, Grasps | None]:
         return self._touching.copied(), self._next, self._last
 
     def _restore(self) -> None:
-        self._touching, self._next, self._last = self._before
-        self._before = self._kept()
+        self._touching, self._next, self._last = self._last_state
+        self._last_state = self._copy_state()
         self._ready.clear()
-        self._given = 0
+        self._given_count = 0
 
-    def _updates(self, begin: int, end: int) -> Updates:
+    def _updates(self, first: int, end: int) -> Updates:
         """Return the updates from number `begin` to `end` of the log."""
         log, last = self._log, self._last
-        moved = self._moved[begin:end].copy()
-        moved[0] |= last is None
-        chosen = begin + np.flatnonzero(moved)
-        points, ways = log.places(chosen)
+        is_moved = self._is_moved[first:end].copy()
+        is_moved[0] |= last is None
+        chosen = first + np.flatnonzero(is_moved)
+        points, load_directions = log.places(chosen)
         if points is None:
             points = np.tile(self._model.contact().point, (len(chosen), 1))
-        held = [last] if last is not None and not moved[0] else []
+        grasps = [last] if last is not None and not is_moved[0] else []
         if len(chosen):
-            held.append(self._touching.grasps(points, ways))
-        rows = Grasps(*map(np.concatenate, zip(*held, strict=True))) if held[1:] else held[0]
+            grasps.append(self._touching.grasps(points, load_directions))
+        rows = Grasps(*map(np.concatenate, zip(*grasps, strict=True))) if grasps[1:] else grasps[0]
         self._last = Grasps(*(column[-1:] for column in rows))
-        if not moved.all():
-            number = np.cumsum(moved) - moved[0]
+        if not is_moved.all():
+            number = np.cumsum(is_moved) - is_moved[0]
             rows = Grasps(*(column[number] for column in rows))
-        forces, speeds = (np.asarray(each)[begin:end] for each in (log.forces, log.speeds))
-        samples = self._samples[begin:end]
+        forces, speeds = (np.asarray(values)[first:end] for values in (log.forces, log.speeds))
+        samples = self._samples[first:end]
         self._touching.ended = end == len(self._samples)
         point, direction, normal, drives = (column[0] for column in self._last)
         return Updates(
@@ -577,31 +603,31 @@ class Line(NamedTuple):
 Lines = tuple[Index, Index, Array, Array]  # begins and lengths (L,), lows and highs (L, N)
 
 
-def expected(
-    between: Index, shortest: float, longest: float, interval: float
+def expect_gaps(
+    intervals: Index, shortest: float, longest: float, interval: float
 ) -> tuple[Index, float]:
     """Return the gap expected after each update (K,), and the usual interval at the end."""
-    compiled = entry("lines_expect")
-    if compiled is None:
-        return expected_plainly(between, shortest, longest, interval)
-    gaps, now = np.empty(len(between), np.int64), np.array([interval])
-    compiled(between, len(between), shortest, longest, _CALM, now, gaps)
-    return gaps, float(now[0])
+    compiled_loop = entry("lines_expect")
+    if compiled_loop is None:
+        return expect_gaps_plainly(intervals, shortest, longest, interval)
+    gaps, interval_array = np.empty(len(intervals), np.int64), np.array([interval])
+    compiled_loop(intervals, len(intervals), shortest, longest, _SMOOTHING, interval_array, gaps)
+    return gaps, float(interval_array[0])
 
 
-def expected_plainly(
-    between: Index, shortest: float, longest: float, interval: float
+def expect_gaps_plainly(
+    intervals: Index, shortest: float, longest: float, interval: float
 ) -> tuple[Index, float]:
     """Return expected samples between updates like `expected`, update by update."""
     gaps = []
-    for samples in between.tolist():
+    for samples in intervals.tolist():
         if shortest <= samples <= longest:
-            interval += _CALM * (samples - interval)
+            interval += _SMOOTHING * (samples - interval)
         gaps.append(max(1, round(interval)))
     return np.array(gaps), interval
 
 
-def joined(begins: Index, lengths: Index, low: Array, highs: Array) -> Array:
+def join_lines(start_samples: Index, lengths: Index, low: Array, highs: Array) -> Array:
     """Return where lines begin (L, N): the first at `low`, others where the one before is by then.
 
     At rest, where the first number of the line before is 0, the numbers beyond the first two begin
@@ -609,74 +635,78 @@ def joined(begins: Index, lengths: Index, low: Array, highs: Array) -> Array:
     """
     lows = np.empty_like(highs)
     lows[0] = low
-    compiled = entry("lines_join")
-    if compiled is None:
-        return joined_plainly(begins, lengths, lows, highs)
-    compiled(begins, lengths, lows, highs, *lows.shape, _LOAD)
+    compiled_loop = entry("lines_join")
+    if compiled_loop is None:
+        return join_lines_plainly(start_samples, lengths, lows, highs)
+    compiled_loop(start_samples, lengths, lows, highs, *lows.shape, _LOAD)
     return lows
 
 
-def joined_plainly(begins: Index, lengths: Index, lows: Array, highs: Array) -> Array:
+def join_lines_plainly(start_samples: Index, lengths: Index, lows: Array, highs: Array) -> Array:
     """Return starts of lines like `joined`, in plain NumPy, with the first row of `lows` filled."""
     for n in range(1, len(lows)):
-        before = Line(int(begins[n - 1]), int(lengths[n - 1]), lows[n - 1], highs[n - 1])
-        lows[n] = before.at(int(begins[n]))
+        line = Line(int(start_samples[n - 1]), int(lengths[n - 1]), lows[n - 1], highs[n - 1])
+        lows[n] = line.at(int(start_samples[n]))
         if lows[n, _PRESSED] == 0.0 == highs[n - 1, _PRESSED]:
             lows[n, _LOAD:] = highs[n, _LOAD:]
     return lows
 
 
-def each_sample(lines: Lines, begin: int, end: int, columns: int) -> Array:
+def sample_lines(lines: Lines, start: int, end: int, columns: int) -> Array:
     """Return the first numbers (columns, end - begin) that each sample ends with."""
-    begins, lengths, lows, highs = lines
-    if len(begins) == 1 and begin - begins[0] >= lengths[0]:  # all rest
-        return np.repeat(highs[:, :columns].T, end - begin, axis=1)
-    compiled = entry("lines_fill")
-    if compiled is None:
-        return at_plainly(lines, np.arange(begin + 1, end + 1))[:, :columns].T
-    filled = np.empty((columns, end - begin))
-    compiled(begins, lengths, lows, highs, *lows.shape, columns, begin, end - begin, filled)
-    return filled
+    start_samples, lengths, lows, highs = lines
+    if len(start_samples) == 1 and start - start_samples[0] >= lengths[0]:  # all rest
+        return np.repeat(highs[:, :columns].T, end - start, axis=1)
+    compiled_loop = entry("lines_fill")
+    if compiled_loop is None:
+        return read_plainly(lines, np.arange(start + 1, end + 1))[:, :columns].T
+    values = np.empty((columns, end - start))
+    compiled_loop(
+        start_samples, lengths, lows, highs, *lows.shape, columns, start, end - start, values
+    )
+    return values
 
 
 def numbers_at(lines: Lines, samples: Index, column: int) -> Array:
     """Return the numbers from a column on (K, N - column) before some samples (K,), ascending."""
-    begins, lengths, lows, highs = lines
-    compiled = entry("lines_read")
-    if compiled is None:
-        return at_plainly(lines, samples)[:, column:]
-    read = np.empty((len(samples), lows.shape[1] - column))
-    compiled(begins, lengths, lows, highs, *lows.shape, column, samples, len(samples), read)
-    return read
+    start_samples, lengths, lows, highs = lines
+    compiled_loop = entry("lines_read")
+    if compiled_loop is None:
+        return read_plainly(lines, samples)[:, column:]
+    values = np.empty((len(samples), lows.shape[1] - column))
+    compiled_loop(
+        start_samples, lengths, lows, highs, *lows.shape, column, samples, len(samples), values
+    )
+    return values
 
 
-def smoothed(numbers: Array, window: Array) -> Array:
+def smooth_numbers(numbers: Array, window: Array) -> Array:
     """Return the convolution of numbers with a window, where the window is full."""
-    compiled = entry("lines_smooth")
-    if compiled is None:
+    compiled_loop = entry("lines_smooth")
+    if compiled_loop is None:
         return np.convolve(numbers, window, "valid")
     out = np.empty(len(numbers) - len(window) + 1)
-    compiled(numbers, window, len(window), len(out), out)
+    compiled_loop(numbers, window, len(window), len(out), out)
     return out
 
 
-def at_plainly(lines: Lines, samples: Index) -> Array:
+def read_plainly(lines: Lines, samples: Index) -> Array:
     """Return the numbers (K, N) before samples (K,), in plain NumPy."""
-    begins, lengths, lows, highs = lines
-    number = np.maximum(np.searchsorted(begins, samples) - 1, 0)
-    shares = np.minimum((samples - begins[number]) / lengths[number], 1.0)[:, None]
+    start_samples, lengths, lows, highs = lines
+    number = np.maximum(np.searchsorted(start_samples, samples) - 1, 0)
+    shares = np.minimum((samples - start_samples[number]) / lengths[number], 1.0)[:, None]
     rises = highs[number] - lows[number]
     return np.where(shares < 1, lows[number] + shares * rises, highs[number])
 
 
-def _column(name: str, values: ArrayLike, count: int | None, most: float = np.inf) -> Array:
+def _column(name: str, values: ArrayLike, count: int | None, max_value: float = np.inf) -> Array:
     column = np.array(values, np.float64)
     if count is not None and column.ndim == 0:
         column = np.full(count, column)
     if column.ndim != 1 or (count is not None and len(column) != count):
         raise OptionError(f"{name} have shape {column.shape}: give one for each of {count} times")
-    if not (np.isfinite(column).all() and np.all(column >= 0) and np.all(column <= most)):
-        raise OptionError(f"{name} must be finite, at least 0 and at most {rounded(most)}")
+    if not (np.isfinite(column).all() and np.all(column >= 0) and np.all(column <= max_value)):
+        raise OptionError(f"{name} must be finite, at least 0 and at most {rounded(max_value)}")
     column.setflags(write=False)
     return column
 
@@ -684,7 +714,7 @@ def _column(name: str, values: ArrayLike, count: int | None, most: float = np.in
 def _rows(name: str, values: ArrayLike, count: int, widths: tuple[int, ...]) -> Array:
     rows = np.array(values, np.float64)
     if rows.shape not in {(count, width) for width in widths} or not np.isfinite(rows).all():
-        wanted = "coordinates" if len(widths) > 1 else "(x, y, z)"
-        raise OptionError(f"{name} have shape {rows.shape}: give {count} finite rows of {wanted}")
+        hint = "coordinates" if len(widths) > 1 else "(x, y, z)"
+        raise OptionError(f"{name} have shape {rows.shape}: give {count} finite rows of {hint}")
     rows.setflags(write=False)
     return rows

@@ -35,11 +35,11 @@ def policy(page: Path) -> str:
     """
     inline = _IMPORT_MAP.search(page.read_text(encoding="utf-8"))
     digest = hashlib.sha256((inline[1] if inline else "").encode()).digest()
-    allowed = f"'sha256-{base64.b64encode(digest).decode()}'"
+    hash_source = f"'sha256-{base64.b64encode(digest).decode()}'"
     return "; ".join(
         (
             "default-src 'none'",
-            f"script-src 'self' 'wasm-unsafe-eval' {allowed}",
+            f"script-src 'self' 'wasm-unsafe-eval' {hash_source}",
             "style-src 'self'",
             "img-src 'self' data: blob:",
             "connect-src 'self'",
@@ -95,22 +95,22 @@ class Admission:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        given = _headers(scope)
+        request_headers = _headers(scope)
 
-        async def sent(message: Message) -> None:
+        async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 message["headers"] = [*message["headers"], *self._sent]
             await send(message)
 
-        answer = self._refused(scope, given) or self._welcomed(scope, given)
+        answer = self._refuse(scope, request_headers) or self._welcome(scope, request_headers)
         try:
-            await (answer or self._app)(scope, _bounded(receive), sent)
+            await (answer or self._app)(scope, _limit_body(receive), send_with_headers)
         except TooLarge:
-            await _too_large()(scope, receive, sent)
+            await _too_large()(scope, receive, send_with_headers)
 
-    def _refused(self, scope: Scope, given: Mapping[str, str]) -> Response | None:
+    def _refuse(self, scope: Scope, request_headers: Mapping[str, str]) -> Response | None:
         """Return the refusal of a request from elsewhere, or of too many bytes."""
-        host, origin = given.get("host", ""), given.get("origin")
+        host, origin = request_headers.get("host", ""), request_headers.get("origin")
         if host not in self._hosts:
             return PlainTextResponse(
                 f"The host {host!r} is not this server: open the address that struck printed.\n",
@@ -122,23 +122,23 @@ class Admission:
                 "printed.\n",
                 403,
             )
-        length = given.get("content-length", "0")
+        length = request_headers.get("content-length", "0")
         if not length.isdecimal() or int(length) > LARGEST_BODY:
             return _too_large()
         return None
 
-    def _welcomed(self, scope: Scope, given: Mapping[str, str]) -> Response | None:
+    def _welcome(self, scope: Scope, request_headers: Mapping[str, str]) -> Response | None:
         """Return the answer to a browser that brings the token, or neither token nor cookie."""
         tokens = parse_qs(scope["query_string"].decode("ascii", "replace")).get("token", [])
         if scope["path"] == "/" and any(self._is_token(token) for token in tokens):
             # A redirect belongs to the page that led here, and where that is a file browsers send
             # no strict cookie with it: so the step to the room is taken by a page of this server.
-            typed = given.get("sec-fetch-site", "none") == "none"
-            answer = RedirectResponse("/", 303) if typed else HTMLResponse(_STEP)
+            is_typed = request_headers.get("sec-fetch-site", "none") == "none"
+            answer = RedirectResponse("/", 303) if is_typed else HTMLResponse(_STEP)
             answer.set_cookie(self._cookie, self._token, httponly=True, samesite="strict", path="/")
             return answer
         try:
-            cookie = SimpleCookie(given.get("cookie", "")).get(self._cookie)
+            cookie = SimpleCookie(request_headers.get("cookie", "")).get(self._cookie)
         except CookieError:
             cookie = None
         if cookie is None or not self._is_token(cookie.value):
@@ -155,14 +155,14 @@ class Admission:
 
 def _headers(scope: Scope) -> dict[str, str]:
     """Return a request's headers; values of a repeated one are joined, so that neither passes."""
-    found: dict[str, str] = {}
+    values: dict[str, str] = {}
     for name, value in scope["headers"]:
         key, text = name.decode("latin-1"), value.decode("latin-1")
-        found[key] = f"{found[key]}, {text}" if key in found else text
-    return found
+        values[key] = f"{values[key]}, {text}" if key in values else text
+    return values
 
 
-def _bounded(receive: Receive) -> Receive:
+def _limit_body(receive: Receive) -> Receive:
     """Return a `receive` that refuses bodies above `LARGEST_BODY` bytes, also without a length."""
     got = 0
 

@@ -22,16 +22,16 @@ from struck.model.timbre_table import SinglePoint
 from struck.scene.render import render
 
 POINTS = 10  # that keys strike: 1 to 9, and 0
-SMALLEST, LARGEST = 0.1, 10.0  # bounds of a change of size
-MOST_LOSSES = 1000.0  # times those of the body
-_LOW = "where its lowest modes speak most"  # a playing place without a name
+MIN_SIZE, MAX_SIZE = 0.1, 10.0  # bounds of a change of size
+MAX_LOSSES = 1000.0  # times those of the body
+_UNNAMED_PLACE = "where its lowest modes speak most"  # a playing place without a name
 _LEVEL_SECONDS = 0.25  # of a blow, in which any body reaches its peak
 
 
 def facts(model: ModalModel) -> dict[str, Any]:
     """Return the facts of a model that the page shows, as JSON values."""
     surface = model.geometry
-    points = list(numbered(model))
+    points = list(number_places(model))
     return {
         "modes": len(model.frequencies),
         "complete_to": model.complete_to,
@@ -48,15 +48,15 @@ def facts(model: ModalModel) -> dict[str, Any]:
         # Whether the page plays the mean over all directions of what the model radiates.
         "averaged": hasattr(model.gains, "averaged"),
         "points": points,
-        "peak": max((peak(model, each["point"]) for each in points), default=0.0),
+        "peak": max((peak(model, point["point"]) for point in points), default=0.0),
     }
 
 
 def _material(material: Material | None) -> dict[str, Any] | None:
     if material is None:
         return None
-    known = materials().get(material.name)
-    return {"name": material.name, "group": known["group"] if known else "other"}
+    entry = materials().get(material.name)
+    return {"name": material.name, "group": entry["group"] if entry else "other"}
 
 
 def peak(model: ModalModel, at: Place) -> float:
@@ -67,43 +67,47 @@ def peak(model: ModalModel, at: Place) -> float:
         model.contact(at)
     except ContactError:  # a field of recordings has places by number, none of them the usual one
         return 0.0
-    how: dict[str, Any] = {"striker": "wood", "speed": 1.0}
+    options: dict[str, Any] = {"striker": "wood", "speed": 1.0}
     if not model.gains.of_surface:
-        how = {"impulse": 1.0, "duration": 0.0}
-    blow = Strike(at=at, **how)
-    where = (model.gains.centre if isinstance(model.gains, ShapeGains) else 0.0) + np.zeros(3)
+        options = {"impulse": 1.0, "duration": 0.0}
+    blow = Strike(at=at, **options)
+    centre = (model.gains.centre if isinstance(model.gains, ShapeGains) else 0.0) + np.zeros(3)
     reach = model.gains.radius if isinstance(model.gains, ShapeGains) else 0.0
-    away = max(1.0, 2 * reach)
-    sound = render(model, blow, seconds=_LEVEL_SECONDS, listener=where + np.array([away, 0.0, 0.0]))
-    return float(sound.peak * away)
+    distance = max(1.0, 2 * reach)
+    sound = render(
+        model, blow, seconds=_LEVEL_SECONDS, listener=centre + np.array([distance, 0.0, 0.0])
+    )
+    return float(sound.peak * distance)
 
 
-def numbered(model: ModalModel) -> Iterator[dict[str, Any]]:
+def number_places(model: ModalModel) -> Iterator[dict[str, Any]]:
     """Yield places all over a body for the keys 1 to 9 and 0: its playing place first."""
     surface = model.geometry
     if surface is None:
         yield {"name": next(iter(model.places), "as recorded"), "point": None, "direction": None}
         return
-    taken: list[Array] = []
-    near = 0.02 * surface.extent
+    points: list[Array] = []
+    min_distance = 0.02 * surface.extent
     # Names of people first; those of axes may lie on top of them.
-    named = sorted(model.places.items(), key=lambda pair: pair[0][0] in "+-" or pair[0] == "bottom")
+    named_places = sorted(
+        model.places.items(), key=lambda pair: pair[0][0] in "+-" or pair[0] == "bottom"
+    )
     playing = model.contact()
-    first = [(playing.name or _LOW, None)]
-    for name, place in (*first, *named, *_spread(surface, playing.point)):
+    first = [(playing.name or _UNNAMED_PLACE, None)]
+    for name, place in (*first, *named_places, *_spread(surface, playing.point)):
         try:
             contact = model.contact(place)
         except StruckError:
             continue
-        if any(np.linalg.norm(contact.point - other) < near for other in taken):
+        if any(np.linalg.norm(contact.point - point) < min_distance for point in points):
             continue
-        taken.append(contact.point)
+        points.append(contact.point)
         yield {
             "name": name,
             "point": contact.point.tolist(),
             "direction": contact.direction.tolist(),
         }
-        if len(taken) == POINTS:
+        if len(points) == POINTS:
             return
 
 
@@ -111,15 +115,17 @@ def _spread(surface: Mesh, first: Array) -> Iterator[tuple[str, Array]]:
     """Yield middles of faces, each as far from all before as any: from the first place on."""
     distances = np.linalg.norm(surface.centroids - first, axis=1)
     for number in range(2 * POINTS):
-        farthest = surface.centroids[int(np.argmax(distances))]
-        distances = np.minimum(distances, np.linalg.norm(surface.centroids - farthest, axis=1))
-        yield f"place {number + 1}", farthest
+        farthest_point = surface.centroids[int(np.argmax(distances))]
+        distances = np.minimum(
+            distances, np.linalg.norm(surface.centroids - farthest_point, axis=1)
+        )
+        yield f"place {number + 1}", farthest_point
 
 
 # Changes: the same body of another material, size or damping
 
 
-def change(model: ModalModel, wanted: Mapping[str, Any]) -> dict[str, Any]:
+def change(model: ModalModel, request: Mapping[str, Any]) -> dict[str, Any]:
     """Return the change of a model to another material, size or damping, as JSON values.
 
     Mode shapes are not among it: they are those of the model times "factor", and its vertices times
@@ -142,31 +148,31 @@ def change(model: ModalModel, wanted: Mapping[str, Any]) -> dict[str, Any]:
     MaterialError
         When the material is unknown, or the model has none to start from.
     """
-    unknown = set(wanted) - {"material", "size", "damping", "quick"}
-    if unknown:
-        names = ", ".join(sorted(unknown))
+    unknown_names = set(request) - {"material", "size", "damping", "quick"}
+    if unknown_names:
+        names = ", ".join(sorted(unknown_names))
         raise OptionError(f"{names} cannot be changed: give material, size or damping")
-    size = _number("size", wanted.get("size", 1.0), SMALLEST, LARGEST)
-    losses = _number("damping", wanted.get("damping", 1.0), 0.0, MOST_LOSSES)
+    size = _number("size", request.get("size", 1.0), MIN_SIZE, MAX_SIZE)
+    losses = _number("damping", request.get("damping", 1.0), 0.0, MAX_LOSSES)
     # In place of gains numbers, which tell which modes stay: what changes gains keeps their phase.
     numbers = SinglePoint(outputs=np.array([complex(1, n) for n in range(len(model.frequencies))]))
-    after = replace(model, gains=numbers, geometry=None, places={})
-    name = wanted.get("material")
+    changed_model = replace(model, gains=numbers, geometry=None, places={})
+    name = request.get("material")
     if name is not None and (model.material is None or name != model.material.name):
-        after = after.made_of(_named(model, name))
+        changed_model = changed_model.made_of(_find_material(model, name))
     if size != 1:
-        after = after.scaled(size)
+        changed_model = changed_model.scaled(size)
     if losses != 1:
-        after = after.damped(_law(after, losses))
-    return _changed_facts(model, after, size, quick=wanted.get("quick") is True)
+        changed_model = changed_model.damped(_law(changed_model, losses))
+    return _changed_facts(model, changed_model, size, quick=request.get("quick") is True)
 
 
-def _named(model: ModalModel, name: object) -> Material:
+def _find_material(model: ModalModel, name: object) -> Material:
     """Return a material by name, with "heard" losses where the model's losses are "heard" ones."""
     if not isinstance(name, str):
         raise OptionError(f"material is {name!r}: give a name of `struck materials`")
-    heard = model.material is not None and isinstance(model.material.damping, Rayleigh)
-    if heard and "heard" in materials().get(name, {}):
+    is_rayleigh = model.material is not None and isinstance(model.material.damping, Rayleigh)
+    if is_rayleigh and "heard" in materials().get(name, {}):
         return Material.named(name, "heard")
     return Material.named(name)
 
@@ -183,29 +189,39 @@ def _law(model: ModalModel, losses: float) -> Damping:
     return Each(rates=model.decays * losses)
 
 
-def _number(name: str, value: object, least: float, most: float) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
+def _number(name: str, value: object, min_value: float, max_value: float) -> float:
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, int | float)
+        or not min_value <= value <= max_value
+    ):
         raise OptionError(
-            f"{name} is {value!r}: it must lie from {rounded(least)} to {rounded(most)}"
+            f"{name} is {value!r}: it must lie from {rounded(min_value)} to {rounded(max_value)}"
         )
     return float(value)
 
 
 def _outputs(
-    model: ModalModel, after: ModalModel, kept: Index, size: float, density: float, *, quick: bool
+    model: ModalModel,
+    changed_model: ModalModel,
+    mode_numbers: Index,
+    size: float,
+    density: float,
+    *,
+    quick: bool,
 ) -> tuple[Complex, bool]:
     """Return the outputs of a changed model (M,), and whether they are final."""
-    own = getattr(model.gains, "outputs", None)
-    if own is None:
+    outputs = getattr(model.gains, "outputs", None)
+    if outputs is None:
         raise MaterialError("bodies with a recorded timbre field cannot be changed in the page")
     # A body of another size has the same waves around it, all lengths and periods in proportion:
     # for the same velocity of its skin the pressure at 1 m goes with its size.
-    before = model.natural_frequencies[kept]
-    same = np.allclose(after.natural_frequencies * size, before, rtol=1e-9)
-    if isinstance(model.gains, ShapeGains) and (same or quick):
-        return own[kept] * (size * _growth(size, density)), same
-    gains = model.gains.changed(after.natural_frequencies, kept, size, density)
-    return getattr(gains, "outputs", own), True
+    frequencies = model.natural_frequencies[mode_numbers]
+    is_scaled = np.allclose(changed_model.natural_frequencies * size, frequencies, rtol=1e-9)
+    if isinstance(model.gains, ShapeGains) and (is_scaled or quick):
+        return outputs[mode_numbers] * (size * _growth(size, density)), is_scaled
+    gains = model.gains.changed(changed_model.natural_frequencies, mode_numbers, size, density)
+    return getattr(gains, "outputs", outputs), True
 
 
 def _growth(size: float, density: float) -> float:
@@ -214,37 +230,41 @@ def _growth(size: float, density: float) -> float:
 
 
 def _changed_facts(
-    model: ModalModel, after: ModalModel, size: float, *, quick: bool
+    model: ModalModel, changed_model: ModalModel, size: float, *, quick: bool
 ) -> dict[str, Any]:
     """Return a changed model without its shapes, as JSON values."""
-    numbers = np.array(getattr(after.gains, "outputs", []), np.complex128)
-    kept = np.rint(numbers.imag / numbers.real).astype(np.intp)
-    material, density = after.material, 1.0
+    numbers = np.array(getattr(changed_model.gains, "outputs", []), np.complex128)
+    mode_numbers = np.rint(numbers.imag / numbers.real).astype(np.intp)
+    material, density = changed_model.material, 1.0
     if material is not None and model.material is not None:
         density = material.density / model.material.density
-    outputs, settled = _outputs(model, after, kept, size, density, quick=quick)
-    whole = len(kept) == len(model.frequencies) and bool((np.diff(kept) > 0).all())
+    outputs, is_final = _outputs(model, changed_model, mode_numbers, size, density, quick=quick)
+    is_complete = len(mode_numbers) == len(model.frequencies) and bool(
+        (np.diff(mode_numbers) > 0).all()
+    )
     return {
-        "modes": None if whole else kept.tolist(),
-        "frequencies": after.frequencies.tolist(),
-        "natural_frequencies": after.natural_frequencies.tolist(),
-        "decays": after.decays.tolist(),
+        "modes": None if is_complete else mode_numbers.tolist(),
+        "frequencies": changed_model.frequencies.tolist(),
+        "natural_frequencies": changed_model.natural_frequencies.tolist(),
+        "decays": changed_model.decays.tolist(),
         "outputs": np.stack([outputs.real, outputs.imag], axis=-1).tolist(),
-        "settled": settled,
+        "settled": is_final,
         "factor": _growth(size, density),
         "size": size,
-        "mass": after.mass,
-        "centre": None if after.centre is None else after.centre.tolist(),
-        "inertia": None if after.inertia is None else after.inertia.tolist(),
-        "material": material and {**(_material(material) or {}), **_elastic(material)},
-        "recoil": after.recoil
-        and {each.name: getattr(after.recoil, each.name).tolist() for each in fields(Recoil)},
-        "complete_to": after.complete_to,
-        "dropped": list(after.provenance.dropped[len(model.provenance.dropped) :]),
+        "mass": changed_model.mass,
+        "centre": None if changed_model.centre is None else changed_model.centre.tolist(),
+        "inertia": None if changed_model.inertia is None else changed_model.inertia.tolist(),
+        "material": material and {**(_material(material) or {}), **_read_elasticity(material)},
+        "recoil": changed_model.recoil
+        and {
+            item.name: getattr(changed_model.recoil, item.name).tolist() for item in fields(Recoil)
+        },
+        "complete_to": changed_model.complete_to,
+        "dropped": list(changed_model.provenance.dropped[len(model.provenance.dropped) :]),
     }
 
 
-def _elastic(material: Material) -> dict[str, float]:
+def _read_elasticity(material: Material) -> dict[str, float]:
     return {
         name: getattr(material, name) for name in ("density", "youngs_modulus", "poisson_ratio")
     }

@@ -30,9 +30,9 @@ from struck.model.model import ModalModel
 from struck.processes.child_process import python_command, python_environment
 
 PROCESSES = 2
-PAGED = ".page"  # ending of what the page reads
-_OFTEN = 0.1  # s between two lines of progress
-_LIMIT = 2**20  # bytes of a line
+PAGE_ENDING = ".page"  # ending of what the page reads
+_PROGRESS_SECONDS = 0.1  # s between two lines of progress
+_MAX_LINE_BYTES = 2**20  # bytes of a line
 
 
 @dataclass(slots=True, kw_only=True)
@@ -70,10 +70,10 @@ class Jobs:
         Where model files are written.
     """
 
-    def __init__(self, wanted: Sequence[Thing], folder: Path) -> None:
+    def __init__(self, objects: Sequence[Thing], folder: Path) -> None:
         self.folder = folder
         self.jobs = {
-            thing.name: Job(thing=thing, path=folder / f"{thing.name}.struck") for thing in wanted
+            thing.name: Job(thing=thing, path=folder / f"{thing.name}.struck") for thing in objects
         }
         self._models: dict[str, ModalModel] = {}
         self._news = asyncio.Condition()
@@ -82,7 +82,7 @@ class Jobs:
     def give(self, thing: Thing, model: ModalModel) -> None:
         """Add an object whose model is there already."""
         job = Job(thing=thing, path=self.folder / f"{thing.name}.struck", state="ready")
-        job.facts = _kept(model, job.path)
+        job.facts = _write_model(model, job.path)
         self.jobs[thing.name] = job
         self._models[thing.name] = model
 
@@ -101,14 +101,14 @@ class Jobs:
 
     async def news(self) -> AsyncIterator[dict[str, Any]]:
         """Yield every object, and from then on each that has changed, without an end."""
-        known: dict[str, str] = {}
+        states: dict[str, str] = {}
         while True:
             version = self._version
             for name, job in list(self.jobs.items()):
                 values = job.json_values()
                 text = json.dumps(values, sort_keys=True)
-                if known.get(name) != text:
-                    known[name] = text
+                if states.get(name) != text:
+                    states[name] = text
                     yield values
             async with self._news:
                 await self._news.wait_for(lambda seen=version: self._version != seen)
@@ -120,19 +120,19 @@ class Jobs:
                 *python_command("-m", "struck.explorer.jobs"),
                 stdin=asyncio.subprocess.PIPE,
                 stdout=asyncio.subprocess.PIPE,
-                limit=_LIMIT,
+                limit=_MAX_LINE_BYTES,
                 env=python_environment(),
                 start_new_session=True,  # Ctrl-C is for the server, which ends it
             )
             try:
                 while waiting and process.returncode is None:
-                    await self._computed(waiting.pop(0), process)
+                    await self._compute(waiting.pop(0), process)
             finally:
                 with contextlib.suppress(ProcessLookupError):
                     process.kill()
                 await process.wait()
 
-    async def _computed(self, job: Job, process: asyncio.subprocess.Process) -> None:
+    async def _compute(self, job: Job, process: asyncio.subprocess.Process) -> None:
         """Ask a process for one object, and pass on its progress until the object is there."""
         if process.stdin is None or process.stdout is None:
             raise RuntimeError("a process was started without pipes")
@@ -168,41 +168,41 @@ class Jobs:
 def main() -> None:
     """Compute the objects named by lines of standard input; write progress to standard output."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    every = {thing.name: thing for thing in things()}
-    answers = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
+    objects = {thing.name: thing for thing in things()}
+    answer_stream = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # libraries print elsewhere
-    asked: queue.SimpleQueue[str] = queue.SimpleQueue()
-    threading.Thread(target=_listen, args=(asked,), daemon=True).start()
+    questions: queue.SimpleQueue[str] = queue.SimpleQueue()
+    threading.Thread(target=_listen, args=(questions,), daemon=True).start()
     while True:
-        question = json.loads(asked.get())
-        teller = _Teller(answers)
-        teller.write(**_answer(every[question["name"]], Path(question["path"]), teller))
+        question = json.loads(questions.get())
+        teller = _ProgressWriter(answer_stream)
+        teller.write(**_answer(objects[question["name"]], Path(question["path"]), teller))
 
 
-def _listen(asked: queue.SimpleQueue[str]) -> None:
+def _listen(questions: queue.SimpleQueue[str]) -> None:
     """Take questions from standard input; with it all ends, also amid a computation."""
     for line in sys.stdin:
-        asked.put(line)
+        questions.put(line)
     os._exit(0)
 
 
-def _kept(model: ModalModel, path: Path) -> dict[str, Any]:
+def _write_model(model: ModalModel, path: Path) -> dict[str, Any]:
     """Write a model in full and for the page; return its facts."""
     model_file.save(model, path)
-    write_bytes(path.with_suffix(PAGED), model_bytes(model))
+    write_bytes(path.with_suffix(PAGE_ENDING), model_bytes(model))
     return facts(model)
 
 
-class _Teller:
+class _ProgressWriter:
     """Progress as lines of JSON, ten a second."""
 
     def __init__(self, stream: Any) -> None:  # noqa: ANN401 - a text stream
-        self._stream, self._told, self._stage = stream, 0.0, ""
+        self._stream, self._last_time, self._stage = stream, 0.0, ""
 
     def __call__(self, stage: str, fraction: float) -> None:
         now = time.monotonic()
-        if stage != self._stage or now - self._told > _OFTEN:
-            self._stage, self._told = stage, now
+        if stage != self._stage or now - self._last_time > _PROGRESS_SECONDS:
+            self._stage, self._last_time = stage, now
             self.write(stage=stage, fraction=fraction)
 
     def write(self, **values: object) -> None:
@@ -210,10 +210,10 @@ class _Teller:
         self._stream.flush()
 
 
-def _answer(thing: Thing, path: Path, teller: _Teller) -> dict[str, Any]:
+def _answer(thing: Thing, path: Path, teller: _ProgressWriter) -> dict[str, Any]:
     """Compute an object; return its state, with its facts or the reason of a failure."""
     try:
-        values = _kept(thing.make(teller), path)
+        values = _write_model(thing.make(teller), path)
     except Exception as error:  # noqa: BLE001 - the other objects are computed all the same
         sys.stderr.write(f"{thing.title}: {type(error).__name__}: {error}\n")
         return {"message": _reason(error), "state": "failed"}

@@ -87,7 +87,7 @@ class Thing:
         }
 
 
-def turned(*, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Array:
+def rotation_matrix(*, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Array:
     """Return the rotation about x, then y, then z by angles in degrees (3, 3)."""
     (cx, cy, cz), (sx, sy, sz) = (np.round(f(np.radians([x, y, z])), 15) for f in (np.cos, np.sin))
     about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
@@ -100,17 +100,19 @@ def furniture(*boxes: tuple[Place, Place]) -> VolumeMesh:
     corners = np.array(boxes, np.float64) / 1000
     low, high = corners[:, 0], corners.sum(axis=1)
     lines = [_lines(np.unique(np.append(low[:, k], high[:, k]).round(9))) for k in range(3)]
-    middles = np.stack(
+    cell_centres = np.stack(
         np.meshgrid(*((line[1:] + line[:-1]) / 2 for line in lines), indexing="ij"), axis=-1
     )
-    inside = ((middles[..., None, :] > low) & (middles[..., None, :] < high)).all(axis=-1)
-    cells = np.argwhere(inside.any(axis=-1))
+    is_inside = ((cell_centres[..., None, :] > low) & (cell_centres[..., None, :] < high)).all(
+        axis=-1
+    )
+    cells = np.argwhere(is_inside.any(axis=-1))
     numbers = np.arange(math.prod(map(len, lines))).reshape(*map(len, lines))
     nodes = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
-    eight = np.stack([numbers[tuple((cells + step).T)] for step in _CORNERS], axis=1)
-    used, elements = np.unique(eight, return_inverse=True)
+    corner_numbers = np.stack([numbers[tuple((cells + step).T)] for step in _CORNERS], axis=1)
+    used_nodes, elements = np.unique(corner_numbers, return_inverse=True)
     return VolumeMesh(
-        nodes=nodes[used], elements=elements.reshape(eight.shape), kind="hex8"
+        nodes=nodes[used_nodes], elements=elements.reshape(corner_numbers.shape), kind="hex8"
     ).promoted()
 
 
@@ -136,13 +138,13 @@ def table() -> VolumeMesh:
 
 def chair() -> VolumeMesh:
     """Return a chair with a seat of 420 mm, its back held by the two legs behind."""
-    front = [((x, 0, 0), (40, 40, 430)) for x in (0, 380)]
-    behind = [((x, 380, 0), (40, 40, 880)) for x in (0, 380)]
+    front_legs = [((x, 0, 0), (40, 40, 430)) for x in (0, 380)]
+    back_legs = [((x, 380, 0), (40, 40, 880)) for x in (0, 380)]
     rails = [((40, 385, z), (340, 25, 90)) for z in (560, 760)]
-    return furniture(((0, 0, 430), (420, 420, 24)), *front, *behind, *rails)
+    return furniture(((0, 0, 430), (420, 420, 24)), *front_legs, *back_legs, *rails)
 
 
-def computed(
+def plan_analysis(
     body: Callable[[], Source], material: Material | str, **options: object
 ) -> Callable[[Progress], ModalModel]:
     """Return a function that analyzes a body with the given options."""
@@ -155,7 +157,7 @@ def computed(
     return make
 
 
-def recorded(progress: Progress) -> ModalModel:
+def fit_drum(progress: Progress) -> ModalModel:
     """Return the model of the recorded drum."""
     with resources.as_file(resources.files("struck.report") / "tabla.wav") as path:
         return fit_recordings(path, progress=progress).model
@@ -164,19 +166,19 @@ def recorded(progress: Progress) -> ModalModel:
 def _entry(name: str) -> dict[str, Any]:
     """Return the entry of an object in `objects.toml`: its texts and where it stands."""
     entry = {"turned": {}, **table_of("struck.explorer", "objects")[name]}
-    return {"name": name, "rotation": turned(**entry.pop("turned")), **entry}
+    return {"name": name, "rotation": rotation_matrix(**entry.pop("turned")), **entry}
 
 
 _FORMULAS = (
     Thing(
         **_entry("string"),
         kind="formula",
-        make=computed(lambda: String(length=0.65, radius=4e-4, tension=80.7), WIRE),
+        make=plan_analysis(lambda: String(length=0.65, radius=4e-4, tension=80.7), WIRE),
     ),
     Thing(
         **_entry("bar"),
         kind="formula",
-        make=computed(
+        make=plan_analysis(
             lambda: Bar(length=0.4, width=0.04, thickness=0.008, ends="free"),
             "steel",
             damping="heard",
@@ -185,7 +187,7 @@ _FORMULAS = (
     Thing(
         **_entry("rod"),
         kind="formula",
-        make=computed(
+        make=plan_analysis(
             lambda: Bar(length=0.4, section=RoundSection(radius=0.006), ends="free"),
             "aluminium",
             damping="heard",
@@ -194,7 +196,7 @@ _FORMULAS = (
     Thing(
         **_entry("square"),
         kind="formula",
-        make=computed(
+        make=plan_analysis(
             lambda: RectangularMembrane(length=0.4, width=0.4, thickness=2.5e-4, tension=3000.0),
             SKIN,
             band=(20.0, _DRUM),
@@ -203,7 +205,7 @@ _FORMULAS = (
     Thing(
         **_entry("l_membrane"),
         kind="formula",
-        make=computed(
+        make=plan_analysis(
             lambda: PolygonMembrane.l_shape(side=0.2, thickness=2.5e-4, tension=3000.0),
             SKIN,
             band=(20.0, _SHARP),
@@ -212,7 +214,7 @@ _FORMULAS = (
     Thing(
         **_entry("plate"),
         kind="formula",
-        make=computed(
+        make=plan_analysis(
             lambda: RectangularPlate(length=0.4, width=0.3, thickness=0.005, edges="free"),
             "glass",
             damping="heard",
@@ -233,7 +235,7 @@ def _chimes() -> Iterator[Thing]:
             title=f"Chime {number + 1}",
             text=f"An aluminium tube, {1000 * length:.0f} mm long: one of six wind chimes "
             "(O'Brien et al. 2002).",
-            make=computed(
+            make=plan_analysis(
                 lambda length=length: Tube(length=length, radius=0.0125, wall=0.001),
                 "aluminium",
                 damping="heard",
@@ -243,18 +245,18 @@ def _chimes() -> Iterator[Thing]:
 
 
 _ELEMENTS = (
-    Thing(**_entry("bowl"), make=computed(bowl, "bronze")),
-    Thing(**_entry("bell"), make=computed(bell, "bronze")),
+    Thing(**_entry("bowl"), make=plan_analysis(bowl, "bronze")),
+    Thing(**_entry("bell"), make=plan_analysis(bell, "bronze")),
     Thing(
         **_entry("figurine"),
-        make=computed(lambda: bird().scaled(1.8), "ceramic", wall=0.004, damping="heard"),
+        make=plan_analysis(lambda: bird().scaled(1.8), "ceramic", wall=0.004, damping="heard"),
     ),
-    Thing(**_entry("table"), make=computed(table, "oak", band=(20.0, _FURNITURE))),
-    Thing(**_entry("chair"), make=computed(chair, "oak", band=(20.0, _FURNITURE))),
+    Thing(**_entry("table"), make=plan_analysis(table, "oak", band=(20.0, _FURNITURE))),
+    Thing(**_entry("chair"), make=plan_analysis(chair, "oak", band=(20.0, _FURNITURE))),
 )
 
 
 def things() -> list[Thing]:
     """Return the objects of the room, formulas first, slow ones last."""
-    tabla = Thing(**_entry("tabla"), kind="recording", make=recorded, figure="drum")
+    tabla = Thing(**_entry("tabla"), kind="recording", make=fit_drum, figure="drum")
     return [*_FORMULAS, tabla, *_chimes(), *_ELEMENTS]

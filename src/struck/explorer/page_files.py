@@ -22,18 +22,20 @@ from struck.model.model import ModalModel
 from struck.perception.audibility import audible
 from struck.shapes.particular_solutions import PolygonForms
 
-MOST_BYTES = 32 * 2**20  # of the shapes at the vertices of a body that the page knows by them alone
-MOST_SENT = 256 * 2**20  # bytes of shapes that a page takes at all
-_AT_ONCE = 4096  # places looked up together
-FINE = 0.28  # spacing times wave number up to which straight lines miss a wave by 1 %
+MAX_SHAPE_BYTES = (
+    32 * 2**20
+)  # of the shapes at the vertices of a body that the page knows by them alone
+MAX_SENT_BYTES = 256 * 2**20  # bytes of shapes that a page takes at all
+_BLOCK_POINTS = 4096  # places looked up together
+FINE_RATIO = 0.28  # spacing times wave number up to which straight lines miss a wave by 1 %
 
 
 def model_bytes(model: ModalModel) -> bytes:
     """Return a model as the page reads it: fine enough to be clicked on, and at most 256 MB."""
-    thin = thinned(refined(model))
-    gains = thin.gains
+    page_model = thin_model(refined(model))
+    gains = page_model.gains
     # The page's listener has one gain a mode.
-    return to_bytes(replace(thin, gains=getattr(gains, "averaged", gains)))
+    return to_bytes(replace(page_model, gains=getattr(gains, "averaged", gains)))
 
 
 def refined(model: ModalModel) -> ModalModel:
@@ -48,11 +50,11 @@ def refined(model: ModalModel) -> ModalModel:
     forms, surface = gains.formula.forms, gains.surface
     if not isinstance(forms, PolygonForms):
         return model
-    shortest = FINE * gains.formula.size / forms.wavenumbers.max(initial=0.0)
+    max_edge = FINE_RATIO * gains.formula.size / forms.wavenumbers.max(initial=0.0)
     # A closed surface of V vertices has about 3 V edges: halved, each makes one more.
-    most = MOST_BYTES // (4 * 3 * 4 * len(forms.wavenumbers))
-    while len(surface.points) <= most and _longest_edge(surface) > shortest:
-        surface = _halved(surface)
+    max_vertices = MAX_SHAPE_BYTES // (4 * 3 * 4 * len(forms.wavenumbers))
+    while len(surface.points) <= max_vertices and _longest_edge(surface) > max_edge:
+        surface = _halve_edges(surface)
     if surface is gains.surface:
         return model
     shapes = gains.formula.displacements(surface.points).astype(np.float32)
@@ -63,32 +65,35 @@ def refined(model: ModalModel) -> ModalModel:
     )
 
 
-def thinned(model: ModalModel, most: int = MOST_SENT) -> ModalModel:
+def thin_model(model: ModalModel, max_bytes: int = MAX_SENT_BYTES) -> ModalModel:
     """Return a body of at most some bytes of shapes: audible modes, then fewer vertices.
 
     What was left out stands in its provenance. Smaller bodies are returned as they are.
     """
-    if not isinstance(model.gains, ShapeGains) or model.gains.shapes.nbytes <= most:
+    if not isinstance(model.gains, ShapeGains) or model.gains.shapes.nbytes <= max_bytes:
         return model
     model = audible(model)
     gains = model.gains
-    if not isinstance(gains, ShapeGains) or gains.shapes.nbytes <= most:
+    if not isinstance(gains, ShapeGains) or gains.shapes.nbytes <= max_bytes:
         return model
     import igl
 
-    before = gains.surface
+    original_surface = gains.surface
     # A closed surface has twice as many faces as vertices.
-    wanted = 2 * most // (12 * len(model.frequencies))
-    triangles = np.asfortranarray(before.faces.astype(np.int32))
-    points, faces = igl.qslim(np.asfortranarray(before.points), triangles, wanted)[:2]
-    surface = Mesh(points=np.ascontiguousarray(points), faces=np.array(faces), up=before.up)
+    face_count = 2 * max_bytes // (12 * len(model.frequencies))
+    triangles = np.asfortranarray(original_surface.faces.astype(np.int32))
+    points, faces = igl.qslim(np.asfortranarray(original_surface.points), triangles, face_count)[:2]
+    surface = Mesh(
+        points=np.ascontiguousarray(points), faces=np.array(faces), up=original_surface.up
+    )
     parts = [
-        gains.shapes_at(surface.points[first : first + _AT_ONCE]).astype(np.float32)
-        for first in range(0, len(surface.points), _AT_ONCE)
+        gains.shapes_at(surface.points[first : first + _BLOCK_POINTS]).astype(np.float32)
+        for first in range(0, len(surface.points), _BLOCK_POINTS)
     ]
     note = (
-        f"{len(before.points) - len(surface.points)} of {len(before.points)} vertices were left "
-        f"out, so that {len(model.frequencies)} modes take {most / 2**20:g} MB"
+        f"{len(original_surface.points) - len(surface.points)} of {len(original_surface.points)} "
+        f"vertices were left out, so that {len(model.frequencies)} modes take "
+        f"{max_bytes / 2**20:g} MB"
     )
     return replace(
         model,
@@ -103,7 +108,7 @@ def _longest_edge(surface: Mesh) -> float:
     return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
 
 
-def _halved(surface: Mesh) -> Mesh:
+def _halve_edges(surface: Mesh) -> Mesh:
     """Return a surface with four faces for each."""
     from trimesh.remesh import subdivide
 
@@ -122,21 +127,24 @@ def head_bytes(name: str, sample_rate: int) -> bytes:
     OptionError
         On another name, or a sample rate that no head has.
     """
-    makers = {"kemar": _measured, "exact": _ball}
+    makers = {"kemar": _tabulate_measured, "exact": _ball}
     require_choice("head", name, makers)
     text, tables = makers[name](sample_rate)
     return pack(tables, {"format": "struck-head", "version": "1", "json": json.dumps(text)})
 
 
-def _measured(sample_rate: int) -> tuple[dict[str, object], Arrays]:
+def _tabulate_measured(sample_rate: int) -> tuple[dict[str, object], Arrays]:
     """Return the grids of a measured head, far and near, as responses in place of their spectra."""
     head = measured_head.MeasuredHead.named("kemar")
     filters = head.prepared(sample_rate, brief=True)
     if not isinstance(filters, measured_head.MeasuredFilters):
         raise TypeError(f"KEMAR's filters are {type(filters).__name__}")
     tables: Arrays = {}
-    short = round(measured_head.NEAR_LASTING * sample_rate)
-    for kind, table, taps in (("far", filters.grid, filters.taps), ("near", filters.near, short)):
+    near_taps = round(measured_head.NEAR_LASTING * sample_rate)
+    for kind, table, taps in (
+        ("far", filters.grid, filters.taps),
+        ("near", filters.near, near_taps),
+    ):
         spectra = np.ascontiguousarray(table[:, 2:]).view(np.complex64).reshape(len(table), 2, -1)
         responses = np.fft.irfft(spectra, filters.length)[..., :taps]
         tables[f"{kind}_delays"] = np.ascontiguousarray(table[:, :2])

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from struck.explorer.objects import Place, Thing, turned
+from struck.explorer.objects import Place, Thing, rotation_matrix
 from struck.model.arrays import Array
 from struck.model.model import ModalModel
 
@@ -21,18 +21,20 @@ _MARGIN = 0.04  # of a stand beside its body
 _NARROWEST = 0.16  # width of a stand
 _GAP = 0.12  # between two stands at least
 _WIDE_GAP = 0.1  # of the widest stand: the gap between large bodies
-_ROWS_FROM = 8  # bodies: fewer stand in one row
+_MULTI_ROW_COUNT = 8  # bodies: fewer stand in one row
 _ASPECT = 2.5  # columns to rows, about
 _RISE = 0.15  # of a line of sight from the home position, height to depth
-_THIN = 150.0  # length to thickness beyond which a wire is drawn thicker
-TOKEN = np.array([[-0.08, -0.02, 0.0], [0.08, 0.02, 0.16]])  # box of what stands for a recording
+_THIN_RATIO = 150.0  # length to thickness beyond which a wire is drawn thicker
+TOKEN_BOX = np.array(
+    [[-0.08, -0.02, 0.0], [0.08, 0.02, 0.16]]
+)  # box of what stands for a recording
 
 
 def stand(models: Sequence[ModalModel], names: Sequence[str]) -> list[Thing]:
     """Return bodies as objects of the room, none inside another and none hidden."""
     rotations = [_rotation(model) for model in models]
     swellings = [_swelling(model) for model in models]
-    boxes = [_box(*each) for each in zip(models, rotations, swellings, strict=True)]
+    boxes = [_box(*parts) for parts in zip(models, rotations, swellings, strict=True)]
     positions = _positions(np.array(boxes).reshape(-1, 2, 3))
     return [
         Thing(
@@ -53,7 +55,11 @@ def stand(models: Sequence[ModalModel], names: Sequence[str]) -> list[Thing]:
 
 def _rotation(model: ModalModel) -> Array:
     """Return the rotation that turns a body's upward axis up (3, 3)."""
-    return turned(x=90) if model.geometry is not None and model.geometry.up == "y" else turned()
+    return (
+        rotation_matrix(x=90)
+        if model.geometry is not None and model.geometry.up == "y"
+        else rotation_matrix()
+    )
 
 
 def _swelling(model: ModalModel) -> Place:
@@ -61,17 +67,17 @@ def _swelling(model: ModalModel) -> Place:
     if model.geometry is None:
         return (1.0, 1.0, 1.0)
     size = np.ptp(model.geometry.bounds, axis=0)
-    least = size.max() / _THIN
-    thin = size < least
-    factors = np.where(thin, least / np.maximum(size, 1e-3 * least), 1.0)
-    x, y, z = factors.tolist() if thin.sum() == 2 else (1.0, 1.0, 1.0)
+    min_size = size.max() / _THIN_RATIO
+    is_thin = size < min_size
+    factors = np.where(is_thin, min_size / np.maximum(size, 1e-3 * min_size), 1.0)
+    x, y, z = factors.tolist() if is_thin.sum() == 2 else (1.0, 1.0, 1.0)
     return (x, y, z)
 
 
 def _box(model: ModalModel, rotation: Array, swelling: Place) -> Array:
     """Return the lowest and the highest corner of a body as it is drawn about its origin (2, 3)."""
     if model.geometry is None:
-        return TOKEN
+        return TOKEN_BOX
     corners = (model.geometry.bounds * swelling) @ rotation.T
     return np.stack([corners.min(axis=0), corners.max(axis=0)])
 
@@ -79,7 +85,7 @@ def _box(model: ModalModel, rotation: Array, swelling: Place) -> Array:
 def _positions(boxes: Array) -> list[Place]:
     """Return where the origins of bodies are, by their boxes (B, 2, 3), from left to right."""
     count = len(boxes)
-    columns = count if count < _ROWS_FROM else math.ceil(math.sqrt(_ASPECT * count))
+    columns = count if count < _MULTI_ROW_COUNT else math.ceil(math.sqrt(_ASPECT * count))
     rows = math.ceil(count / columns) if count else 0
     columns = math.ceil(count / rows) if rows else 0  # as many in each row
     size = np.ptp(boxes, axis=1)

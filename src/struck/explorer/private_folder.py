@@ -39,12 +39,12 @@ class PrivateFolder:
         sweep(Path(tempfile.gettempdir()))
         self._folder = tempfile.TemporaryDirectory(prefix=_PREFIX, ignore_cleanup_errors=True)
         self.path = Path(self._folder.name)
-        self._lock = _locked(self.path)
+        self._lock = _lock_folder(self.path)
 
     def write_private(self, name: str, text: str) -> Path:
         """Write a new file of mode 0600, and return its path."""
         path = self.path / name
-        with open(path, "x", encoding="utf-8", opener=_private) as file:
+        with open(path, "x", encoding="utf-8", opener=_open_private) as file:
             file.write(text)
         return path
 
@@ -60,51 +60,51 @@ def sweep(parent: Path) -> int:
     Links are not followed, and nothing is removed on Windows, where no lock tells the dead from
     the living.
     """
-    swept = 0
+    count = 0
     if not hasattr(os, "geteuid"):
-        return swept
+        return count
     with suppress(OSError), os.scandir(parent) as entries:
         for entry in entries:
             if _NAME.fullmatch(entry.name):
                 with suppress(OSError):
-                    swept += _swept(Path(entry.path))
-    return swept
+                    count += _remove_dead(Path(entry.path))
+    return count
 
 
-def _swept(folder: Path) -> bool:
+def _remove_dead(folder: Path) -> bool:
     """Remove a folder of this user that no process holds; return whether that was so."""
     status = folder.lstat()
     if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.geteuid():
         return False
-    handle = os.open(folder / _LOCK, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
+    descriptor = os.open(folder / _LOCK, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
     try:
-        if not stat.S_ISREG(os.fstat(handle).st_mode):
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
             return False
-        _lock(handle)
+        _lock(descriptor)
         shutil.rmtree(folder)
     finally:
-        os.close(handle)
+        os.close(descriptor)
     return True
 
 
-def _locked(folder: Path) -> IO[str]:
+def _lock_folder(folder: Path) -> IO[str]:
     """Return the open file by whose lock a folder is held."""
     # Only a file that is locked already gets the name by which it is looked for.
-    fresh = folder / f".{_LOCK}"
-    file = open(fresh, "x", encoding="utf-8", opener=_private)  # noqa: SIM115 - open until the end
+    new_path = folder / f".{_LOCK}"
+    file = open(new_path, "x", encoding="utf-8", opener=_open_private)  # noqa: SIM115 - open until the end
     with suppress(OSError):  # where there are no locks it is not swept
         _lock(file.fileno())
-        fresh.rename(folder / _LOCK)
+        new_path.rename(folder / _LOCK)
     return file
 
 
-def _lock(handle: int) -> None:
+def _lock(descriptor: int) -> None:
     """Lock an open file; OSError where another process holds it, or the system has no locks."""
     if fcntl is None:
         raise OSError
-    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
-def _private(path: str, flags: int) -> int:
+def _open_private(path: str, flags: int) -> int:
     """Open a file that its owner alone may read and write."""
     return os.open(path, flags, 0o600)

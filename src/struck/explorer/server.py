@@ -23,7 +23,7 @@ from struck.core.build import LIBRARIES
 from struck.errors import MissingDependencyError, OptionError, StruckError, require_choice
 from struck.excitation.hertz import strikers
 from struck.explorer.facts import change
-from struck.explorer.jobs import PAGED, Jobs
+from struck.explorer.jobs import PAGE_ENDING, Jobs
 from struck.explorer.objects import Thing, things
 from struck.explorer.placement import stand
 from struck.explorer.private_folder import PrivateFolder
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 STATIC = Path(__file__).parent / "static"
 _BY_HAND = "open it in a browser"
-_ENDED = 30.0  # s that an end may take: heads that are being made are waited for
+_END_SECONDS = 30.0  # s that an end may take: heads that are being made are waited for
 _ONE_HEAD = threading.Lock()
 
 
@@ -67,7 +67,7 @@ class Explorer:
 
     def __init__(
         self,
-        wanted: Sequence[Thing] = (),
+        objects: Sequence[Thing] = (),
         *,
         given: Sequence[ModalModel] = (),
         names: Sequence[str] = (),
@@ -85,7 +85,7 @@ class Explorer:
                 f"no temporary folder can be made ({error.strerror or error}): free some space, or "
                 "name another in TMPDIR"
             ) from error
-        self._jobs = Jobs(wanted, self._folder.path)
+        self._jobs = Jobs(objects, self._folder.path)
         try:
             for thing, model in zip(stand(given, names), given, strict=True):
                 self._jobs.give(thing, model)
@@ -136,10 +136,10 @@ class Explorer:
 
     def stop(self) -> None:
         """End the server and all that still computes."""
-        if self._running.wait(_ENDED) and self._loop is not None:
+        if self._running.wait(_END_SECONDS) and self._loop is not None:
             with contextlib.suppress(RuntimeError):  # it has ended by itself
                 self._loop.call_soon_threadsafe(self._stopping.set)
-            self._ended.wait(_ENDED)
+            self._ended.wait(_END_SECONDS)
             self._thread.join(0.5)
         self._socket.close()
         self._folder.remove()
@@ -152,12 +152,12 @@ class Explorer:
 
     def _serve(self) -> None:
         try:
-            asyncio.run(self._served())
+            asyncio.run(self._serve_until_stop())
         finally:
             self._running.set()
             self._ended.set()
 
-    async def _served(self) -> None:
+    async def _serve_until_stop(self) -> None:
         import uvicorn
 
         self._loop = asyncio.get_running_loop()
@@ -194,19 +194,21 @@ def explore(
     wait: bool = True,
 ) -> Explorer:
     """Open bodies in the browser; see `struck.explore`."""
-    given = [model] if isinstance(model, ModalModel) else list(model or ())
-    chosen = list(names or (f"Body {number + 1}" for number in range(len(given))))
-    if given and objects is not None:
+    models = [model] if isinstance(model, ModalModel) else list(model or ())
+    chosen = list(names or (f"Body {number + 1}" for number in range(len(models))))
+    if models and objects is not None:
         raise OptionError("there are models, and objects of the room too: leave one of them out")
-    if len(chosen) != len(given):
-        raise OptionError(f"there are {len(chosen)} names for {len(given)} models: give as many")
-    wanted = [] if given else _chosen(objects)
+    if len(chosen) != len(models):
+        raise OptionError(f"there are {len(chosen)} names for {len(models)} models: give as many")
+    room_objects = [] if models else _chosen(objects)
     with orderly_end():
-        explorer = Explorer(wanted, given=given, names=chosen, port=port)
+        explorer = Explorer(room_objects, given=models, names=chosen, port=port)
         try:
-            shown = browser and has_display() and explorer.open_in_browser()
-            how = "opened in the browser (if not, open this address)" if shown else _BY_HAND
-            sys.stderr.write(f"{explorer.url}\n{how}; Ctrl-C ends it\n")
+            is_shown = browser and has_display() and explorer.open_in_browser()
+            instruction = (
+                "opened in the browser (if not, open this address)" if is_shown else _BY_HAND
+            )
+            sys.stderr.write(f"{explorer.url}\n{instruction}; Ctrl-C ends it\n")
             sys.stderr.flush()
             if wait:
                 explorer.wait()
@@ -345,17 +347,17 @@ class _Answers:
     async def _news(self) -> AsyncIterator[str]:
         """Yield objects as they change, until the server ends."""
         news = self._jobs.news()
-        ended = asyncio.ensure_future(self._ending.wait())
+        end_task = asyncio.ensure_future(self._ending.wait())
         try:
-            while not ended.done():
+            while not end_task.done():
                 one = asyncio.ensure_future(anext(news))
-                await asyncio.wait({one, ended}, return_when=asyncio.FIRST_COMPLETED)
+                await asyncio.wait({one, end_task}, return_when=asyncio.FIRST_COMPLETED)
                 if one.done():
                     yield f"data: {json.dumps(one.result())}\n\n"
                 else:
                     one.cancel()
         finally:
-            ended.cancel()
+            end_task.cancel()
 
     async def model(self, request: Request) -> Response:
         from starlette.responses import FileResponse
@@ -363,15 +365,17 @@ class _Answers:
         job = self._jobs.jobs.get(request.path_params["name"])
         if job is None or job.state != "ready":
             return _refusal("there is no such model, or not yet: wait until it is ready", 404)
-        return FileResponse(job.path.with_suffix(PAGED), media_type="application/octet-stream")
+        return FileResponse(
+            job.path.with_suffix(PAGE_ENDING), media_type="application/octet-stream"
+        )
 
     async def change(self, request: Request) -> Response:
-        return await self._worked(request, change)
+        return await self._answer_with(request, change)
 
     async def drive(self, request: Request) -> Response:
-        return await self._worked(request, _drive)
+        return await self._answer_with(request, _drive)
 
-    async def _worked(self, request: Request, work: Any) -> Response:  # noqa: ANN401 - of a model
+    async def _answer_with(self, request: Request, work: Any) -> Response:  # noqa: ANN401 - of a model
         """Answer with the result of a function of a model and of the JSON in the request."""
         from starlette.responses import JSONResponse
 
@@ -380,14 +384,14 @@ class _Answers:
         if job is None or job.state != "ready":
             return _refusal("there is no such model, or not yet: wait until it is ready", 404)
         try:
-            wanted = json.loads(await request.body())
+            values = json.loads(await request.body())
         except (ValueError, RecursionError):
-            wanted = None
-        if not isinstance(wanted, dict):
+            values = None
+        if not isinstance(values, dict):
             return _refusal("what was sent is no JSON object", 400)
         try:
             return JSONResponse(
-                await asyncio.to_thread(lambda: work(self._jobs.model(name), wanted))
+                await asyncio.to_thread(lambda: work(self._jobs.model(name), values))
             )
         except StruckError as error:
             return _refusal(str(error), 400)
@@ -407,9 +411,9 @@ def _prepare_heads() -> None:
         _head("kemar", rate)
 
 
-def _drive(model: ModalModel, wanted: Mapping[str, Any]) -> dict[str, Any]:
+def _drive(model: ModalModel, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the drive of a contact, as JSON values."""
-    contact = model.contact(wanted.get("point"), wanted.get("direction"))
+    contact = model.contact(values.get("point"), values.get("direction"))
     drive = model.gains.at(contact.point[None], contact.direction[None])[0, 0]
     return {
         "drive": drive.tolist(),

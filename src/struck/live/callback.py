@@ -21,7 +21,7 @@ from struck.synth.resonators import Stepped
 # What is counted. `OPEN` is set from outside: 1, as at first, fades in; 0 fades out and then ends
 # the stream.
 CALLS, UNDERFLOWS, LATE, HOLDING, OPEN = 0, 1, 2, 3, 4
-_COUNTERS = 8
+_COUNTER_COUNT = 8
 
 
 class Arena(ctypes.Structure):
@@ -45,13 +45,13 @@ def arena(bank: Stepped, *, volume: float, ears: LiveEars | None = None) -> Aren
     """Return where the callback finds modes and ears, which hear each body at their points."""
     bank.memory.turned[0] = 1
     reals, wholes = (numbers.ctypes.data for numbers in bank.numbers)
-    heard = ctypes.pointer(ears.memory) if ears else None
+    ears_pointer = ctypes.pointer(ears.memory) if ears else None
     points = ears.points if ears else 1
     last = np.zeros((len(bank.memory.bodies), points))
     places = {"reals": reals, "wholes": wholes, "beside": last.ctypes.data}
-    made = Arena(**places, points=points, volume=volume, ears=heard)
-    made.last = last  # kept, as the callback has but its address
-    return made
+    structure = Arena(**places, points=points, volume=volume, ears=ears_pointer)
+    structure.last = last  # kept, as the callback has but its address
+    return structure
 
 
 class _Places(ctypes.Structure):
@@ -78,10 +78,10 @@ class Shared:
         block: int,
         process: int | None = None,  # address of what makes a block; that of the core unless given
     ) -> None:
-        self.counters: Index = np.zeros(_COUNTERS, dtype=np.int64)
+        self.counters: Index = np.zeros(_COUNTER_COUNT, dtype=np.int64)
         self.counters[OPEN] = 1
         mix = np.zeros(channels * block)
-        self._kept = records.memory, limited, arena, mix
+        self._references = records.memory, limited, arena, mix
         self._places = _Places(
             records=records.memory.ctypes.data,
             limited=limited.ctypes.data,

@@ -28,7 +28,7 @@ from struck.excitation.pulses import LEAD, Samples
 from struck.excitation.strike import Strike, after_attack, residual_of
 from struck.excitation.touch import Touching, TouchLog, Update
 from struck.live.callback import arena
-from struck.live.ears import FARTHEST, LiveEars
+from struck.live.ears import MAX_DISTANCE, LiveEars
 from struck.live.ring import FIRST_OUTPUTS, NEW_OUTPUTS, NEW_POLES, Layout, Record, Ring
 from struck.live.voices import Blows, LastError, Started, Voices
 from struck.model.arrays import Array, Complex, Index, require_number
@@ -41,15 +41,15 @@ from struck.synth.memory import BodyColumn
 from struck.synth.poles import Poles, require_session, with_recoil
 from struck.synth.resonators import Stepped
 
-Kept = TypeVar("Kept")
+Value = TypeVar("Value")
 STRIKE_PEAK = 10 ** (-12 / 20)  # of full scale: peak of a default strike
-MOST_NOTED = 60_000  # updates kept of each touch: ten minutes at 100 Hz
-MOST_COMMANDS = 1024  # that may wait for the next block; more are refused and counted
-MOST_PLANNED = 65_536  # that may wait for a moment of their own
+MAX_UPDATES = 60_000  # updates kept of each touch: ten minutes at 100 Hz
+MAX_COMMANDS = 1024  # that may wait for the next block; more are refused and counted
+MAX_PLANNED_COMMANDS = 65_536  # that may wait for a moment of their own
 LAST_MOMENT = 1e6  # s
-MOST_AHEAD = 64  # blocks that may be kept ready
-_KEPT = 256  # contacts, and drives, that are not looked up again
-_LISTENED = 0.25  # s of the strike that sets the loudness
+MAX_BLOCKS_AHEAD = 64  # blocks that may be kept ready
+_CACHE_SIZE = 256  # contacts, and drives, that are not looked up again
+_LOUDNESS_SECONDS = 0.25  # s of the strike that sets the loudness
 
 
 class Host:
@@ -68,21 +68,21 @@ class Host:
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         require_session(sample_rate, block, 1)
-        if voices < 1 or not 1 <= ahead <= MOST_AHEAD:
+        if voices < 1 or not 1 <= ahead <= MAX_BLOCKS_AHEAD:
             raise OptionError(
-                f"voices is {voices} and ahead {ahead}: give at least 1, and at most {MOST_AHEAD} "
-                "blocks ahead"
+                f"voices is {voices} and ahead {ahead}: give at least 1, and at most "
+                f"{MAX_BLOCKS_AHEAD} blocks ahead"
             )
         self.listener, self.volume = listener, volume
         self._rate, self._block = sample_rate, block
-        played = list(bodies.values())
+        body_list = list(bodies.values())
         self._numbers = {name: number for number, name in enumerate(bodies)}
-        self._bodies = [PlayedBody(body.sounding, sample_rate) for body in played]
+        self._bodies = [PlayedBody(body.sounding, sample_rate) for body in body_list]
         self._ears: LiveEars | None = None
         if not isinstance(listener, np.ndarray):
-            self._ears = LiveEars(played, listener, sample_rate=sample_rate, block=block)
-        places = self._ears.heads() if self._ears else [self._place] * len(played)
-        self._scale = full_scale(self._bodies, places, sample_rate)
+            self._ears = LiveEars(body_list, listener, sample_rate=sample_rate, block=block)
+        listener_points = self._ears.heads() if self._ears else [self._place] * len(body_list)
+        self._scale = full_scale(self._bodies, listener_points, sample_rate)
         self._prepare(voices, ahead)
         self.error = LastError()
         self._voices = Voices(voices, self.error)
@@ -91,14 +91,16 @@ class Host:
         self._residuals: dict[tuple[int, int], Blows] = {}
         # States of each body's modes under 1 N and their outputs as of now, and both multiplied.
         self._ringing: dict[int, tuple[Complex, Complex]] = {}
-        self._steady: dict[int, Complex] = {}
+        self._steady_outputs: dict[int, Complex] = {}
         self.queue = CommandQueue(clock, block=block, sample_rate=sample_rate, error=self.error)
         self._changing = threading.Lock()  # bodies, hands and listener, and the order of changes
         self._poles: dict[int, Complex] = {}
-        self._outputs = {n: self._heard(body) for n, body in enumerate(self._bodies)}
+        self._outputs = {n: self._compute_outputs(body) for n, body in enumerate(self._bodies)}
         self._first = True
-        self._dropped = self.now = self.drawn_in = 0
-        self._done: dict[tuple[int, type], None] = {}  # kinds of action on each body, in order
+        self._dropped_count = self.now = self.drawn_in = 0
+        self._action_kinds: dict[
+            tuple[int, type], None
+        ] = {}  # kinds of action on each body, in order
 
     def _prepare(self, voices: int, ahead: int) -> None:
         """Lay out all memory; later only excitations allocate."""
@@ -128,27 +130,31 @@ class Host:
     @property
     def dropped(self) -> int:
         """Commands and excitations left out for want of room or a voice."""
-        return self.queue.refused + self._dropped
+        return self.queue.refused + self._dropped_count
 
     @property
     def unknowns(self) -> tuple[str, ...]:
         """Warnings about excitations that recorded bodies cannot follow, each once."""
-        done, many = list(self._done), len(self._bodies) > 1
-        every = ((n, unknowns(self._bodies[n].model, [kind])) for n, kind in done)
-        told = [f"body {n}: {note}" if many else note for n, notes in every for note in notes]
+        action_kinds, has_several = list(self._action_kinds), len(self._bodies) > 1
+        body_notes = ((n, unknowns(self._bodies[n].model, [kind])) for n, kind in action_kinds)
+        messages = [
+            f"body {n}: {note}" if has_several else note
+            for n, notes in body_notes
+            for note in notes
+        ]
         if self.drawn_in:
-            told.append(
-                f"{self.drawn_in} poses are more than {FARTHEST:g} m from the listener: heard as "
-                "from there"
+            messages.append(
+                f"{self.drawn_in} poses are more than {MAX_DISTANCE:g} m from the listener: heard "
+                "as from there"
             )
-        return tuple(dict.fromkeys(told))
+        return tuple(dict.fromkeys(messages))
 
     def number(self, body: int | str) -> int:
         """Return the number of a body; OptionError where there is none of that name or number."""
         if isinstance(body, str):
             if body not in self._numbers:
-                known = ", ".join(map(repr, self._numbers))
-                raise OptionError(f"body is {body!r}: those that sound are {known}")
+                names = ", ".join(map(repr, self._numbers))
+                raise OptionError(f"body is {body!r}: those that sound are {names}")
             return self._numbers[body]
         if not 0 <= body < len(self._bodies):
             raise OptionError(f"body is {body}: there are 0 to {len(self._bodies) - 1}")
@@ -172,24 +178,24 @@ class Host:
 
     def _sample(self, moment: float) -> int:
         """Return the sample of a moment on the player's clock, s."""
-        wanted = "give seconds on the player's clock, player.now and later"
-        require_number("moment", moment, 0.0, LAST_MOMENT, hint=wanted)
+        hint = "give seconds on the player's clock, player.now and later"
+        require_number("moment", moment, 0.0, LAST_MOMENT, hint=hint)
         return round(moment * self._rate)
 
     def start(self, body: int, excitation: Excitation) -> Started:
         """Start an excitation with the next block; it ends at once where no voice is free."""
-        model, rest, ideal = self.body(body).model, None, False
+        model, residual, ideal = self.body(body).model, None, False
         if isinstance(excitation, Strike):
             blow = PlannedBlow.of(self.body(body), excitation, self._rate)
-            rest, ideal = blow.residual, blow.ideal
+            residual, ideal = blow.residual, blow.ideal
             excitation = after_attack(excitation, model)
         pushing = excitation.begin(model, self._rate, start=-LEAD)
         started = Started(pushing, self._rate, ideal=ideal)
-        self._done[body, type(excitation)] = None
+        self._action_kinds[body, type(excitation)] = None
 
         def begin(_: int) -> None:
             if self._add(started, body, started):
-                self._add_residual(body, rest, self.now)
+                self._add_residual(body, residual, self.now)
             else:
                 started.end()
 
@@ -202,7 +208,7 @@ class Host:
         key = (body, finger)
         if key not in self._touches:
             chosen = tool or Tool()
-            self._done[body, TouchLog] = None
+            self._action_kinds[body, TouchLog] = None
             touching = Touching(self.body(body).model, self._rate, tool=chosen)
             self._touches.setdefault(key, (touching, Notes(chosen)))
         return self._touches[key]
@@ -222,23 +228,27 @@ class Host:
                 "with listener=Mono(position=...), Stereo(...) or Binaural(...)"
             )
         start = np.zeros(1)
-        place = None if position is None else Trajectory.of("position", position).at(start)[0]
-        turned = None if rotation is None else Orientation.of("rotation", rotation)
-        turn = None if turned is None else turned.quaternions[0]
-        self.queue.add(self._going(partial(ears.go, body), place, turn, moment))
+        point = None if position is None else Trajectory.of("position", position).at(start)[0]
+        orientation = None if rotation is None else Orientation.of("rotation", rotation)
+        quaternion = None if orientation is None else orientation.quaternions[0]
+        self.queue.add(self._going(partial(ears.go, body), point, quaternion, moment))
 
     def _going(
-        self, go: Callable[..., None], place: Array | None, turn: Array | None, moment: float | None
+        self,
+        go: Callable[..., None],
+        point: Array | None,
+        quaternion: Array | None,
+        moment: float | None,
     ) -> Command:
         """Return the command to go somewhere, in time with the strikes of its sample.
 
         A moment is told at once, as ways are found ahead of the sound.
         """
-        at, exact = None if moment is None else self._sample(moment), moment is not None
+        at, is_exact = None if moment is None else self._sample(moment), moment is not None
 
         def begin(now: int) -> None:
             self.queue.overdue += at is not None and at < now
-            go((max(now, at or 0) + LEAD) / self._rate, place, turn, exact=exact)
+            go((max(now, at or 0) + LEAD) / self._rate, point, quaternion, exact=is_exact)
 
         return begin
 
@@ -268,13 +278,15 @@ class Host:
 
     def follow(self, poses: Mapping[str, tuple[Array, Array, Array]], zero: int) -> None:
         """Let bodies take poses at times, s, that count from sample `zero`."""
-        later = (zero + LEAD) / self._rate
+        offset_seconds = (zero + LEAD) / self._rate
 
         def go(_: int) -> None:
-            for body, (times, places, turns) in poses.items():
+            for body, (times, places, rotations) in poses.items():
                 if self._ears and body in self._numbers and len(times):
                     number = self._numbers[body]
-                    self.drawn_in += self._ears.follow(number, times + later, places, turns)
+                    self.drawn_in += self._ears.follow(
+                        number, times + offset_seconds, places, rotations
+                    )
 
         self.queue.add(go)
 
@@ -287,20 +299,20 @@ class Host:
     def dampen(self, body: int, at: Place, grip: float) -> None:
         """Hold a body with a viscous grip, N s/m, or let it go with 0."""
         with self._changing:
-            held = self.body(body)
-            held.hold(at, grip)
-            self._done[body, Hold] = None
-            logarithms = held.logarithms
+            played_body = self.body(body)
+            played_body.hold(at, grip)
+            self._action_kinds[body, Hold] = None
+            logarithms = played_body.logarithms
             self.queue.put(("hold", body), lambda _: self._poles.update({body: logarithms}))
 
     def change(self, body: int, model: ModalModel) -> None:
         """Let a body go on with another model."""
         with self._changing:
-            other = self.body(body).changed(model)
-            poles, outputs = other.logarithms, self._heard(other)
-            self._bodies[body] = other
+            changed_body = self.body(body).changed(model)
+            poles, outputs = changed_body.logarithms, self._compute_outputs(changed_body)
+            self._bodies[body] = changed_body
             self.queue.put(
-                ("change", body), lambda _: self._change(body, other.model, poles, outputs)
+                ("change", body), lambda _: self._change(body, changed_body.model, poles, outputs)
             )
 
     def listen(self, listener: Array | Listener, moment: float | None = None) -> None:
@@ -311,7 +323,7 @@ class Host:
                 go = self._going(partial(ears.go, None), *ears.goal(listener), moment)
             elif ears is None and isinstance(listener, np.ndarray):
                 outputs = {n: body.outputs(listener[None]) for n, body in enumerate(self._bodies)}
-                go = partial(self._heard_as, outputs)
+                go = partial(self._set_outputs, outputs)
             else:
                 raise OptionError(
                     f"listener is {listener!r}: a player begun with ears keeps to ears, one begun "
@@ -323,7 +335,7 @@ class Host:
                 _ = self.queue.add(go) if ears else self._say(go, moment)
             self.listener = listener
 
-    def _heard_as(self, outputs: Mapping[int, Complex], _: int) -> None:
+    def _set_outputs(self, outputs: Mapping[int, Complex], _: int) -> None:
         self._outputs.update(outputs)
 
     @property
@@ -333,7 +345,7 @@ class Host:
             return self._ears.position
         return np.asarray(self.listener, np.float64)
 
-    def _heard(self, body: PlayedBody) -> Complex:
+    def _compute_outputs(self, body: PlayedBody) -> Complex:
         return body.outputs_aside() if self._ears else body.outputs(self._place[None])
 
     def fill(self, integers: Index, reals: Array) -> None:
@@ -343,11 +355,11 @@ class Host:
         record.volume[0] = self.gain
         self._write_bodies(record)
         record.beside[:] = 0.0
-        self._voices.write(record, self._steady)
+        self._voices.write(record, self._steady_outputs)
         for place, sounds in self._residuals.items():
-            heard = sounds.advance(self._block)
-            if heard is not None:
-                record.beside[place] += heard.force
+            push = sounds.advance(self._block)
+            if push is not None:
+                record.beside[place] += push.force
         if self._ears is not None:
             self._ears.write(record)
         self.now += self._block
@@ -361,17 +373,17 @@ class Host:
             for body in self._ears.fields:
                 self._outputs[body] = self._ears.outputs(body, self._bodies[body].outputs)
         for body, outputs in self._outputs.items():
-            for point, heard in enumerate(outputs):
-                self._put(record.outputs[:, point], body, heard)
+            for point, gains in enumerate(outputs):
+                self._put(record.outputs[:, point], body, gains)
             record.bodies[body] |= NEW_OUTPUTS | (FIRST_OUTPUTS if self._first else 0)
         for body in self._poles.keys() | self._outputs.keys():
             poles = self._bodies[body].free
-            held, outputs = self._ringing.get(body, (None, np.zeros((0, 0), np.complex128)))
-            if held is None or body in self._poles:
+            states, outputs = self._ringing.get(body, (None, np.zeros((0, 0), np.complex128)))
+            if states is None or body in self._poles:
                 logs = self._poles.get(body, poles.values / self._rate)
-                held = poles.steady(logs, self._rate)
+                states = poles.steady(logs, self._rate)
             outputs = self._outputs.get(body, outputs)
-            self._ringing[body], self._steady[body] = (held, outputs), outputs * held
+            self._ringing[body], self._steady_outputs[body] = (states, outputs), outputs * states
         self._poles, self._outputs, self._first = {}, {}, False
 
     def _put(self, places: Array, body: int, values: Complex) -> None:
@@ -387,7 +399,7 @@ class Host:
                 return
         pulse = blow.pulse
         if not blows.add(Samples(first=sample + LEAD + pulse.first, force=pulse.force)):
-            self._dropped += 1
+            self._dropped_count += 1
             return
         self._add_residual(body, blow.residual, sample)
 
@@ -400,11 +412,11 @@ class Host:
             distances = np.linalg.norm((self._place - centre)[None], axis=1)
         else:
             distances = self._ears.distances(body)
-        for point, away in enumerate(distances):
+        for point, distance in enumerate(distances):
             place = body, point
             sounds = self._residuals.setdefault(place, Blows(np.zeros(0), start=self.now))
-            later = Samples(first=sample + LEAD + residual.first, force=residual.force / away)
-            self._dropped += not sounds.add(later)
+            samples = Samples(first=sample + LEAD + residual.first, force=residual.force / distance)
+            self._dropped_count += not sounds.add(samples)
 
     def _touch(self, body: int, finger: int, update: Update, sample: int) -> None:
         touching, notes = self._touches[body, finger]
@@ -419,14 +431,14 @@ class Host:
     def _change(self, body: int, model: ModalModel, poles: Complex, outputs: Complex) -> None:
         self._poles[body], self._outputs[body] = poles, outputs
         self._voices.change(body, model)
-        for (touched, finger), (touching, _) in list(self._touches.items()):
-            if touched == body and self._voices.find(("touch", body, finger)) is None:
+        for (touched_body, finger), (touching, _) in list(self._touches.items()):
+            if touched_body == body and self._voices.find(("touch", body, finger)) is None:
                 touching.change(model)  # at rest
 
     def _add(self, pushing: Pushing, body: int, key: object) -> bool:
-        added = self._voices.add(pushing, body, key)
-        self._dropped += not added
-        return added
+        is_added = self._voices.add(pushing, body, key)
+        self._dropped_count += not is_added
+        return is_added
 
 
 Command = Callable[[int], object]  # called with the number of the sample at which it takes effect
@@ -448,17 +460,17 @@ class CommandQueue:
         self._planned: list[tuple[int, int, Command]] = []
         self._order = count()
         self._lock = threading.RLock()
-        self.refused, self.overdue, self._emptied = 0, 0, clock()
+        self.refused, self.overdue, self._last_run = 0, 0, clock()
 
     @property
     def idle(self) -> float:
         """Time since the queue was last emptied, s."""
-        return self._clock() - self._emptied
+        return self._clock() - self._last_run
 
     def have_room(self) -> bool:
         """Return whether one more command fits; where not, it counts as refused."""
         with self._lock:
-            room = len(self._waiting) < MOST_COMMANDS
+            room = len(self._waiting) < MAX_COMMANDS
             self.refused += not room
             return room
 
@@ -479,30 +491,30 @@ class CommandQueue:
     def plan(self, sample: int, command: Command) -> None:
         """Queue a command for a sample; where that is over, it comes at once and is counted."""
         with self._lock:
-            if len(self._planned) >= MOST_PLANNED:
+            if len(self._planned) >= MAX_PLANNED_COMMANDS:
                 self.refused += 1
             else:
                 heapq.heappush(self._planned, (sample, next(self._order), command))
 
     def run(self, sample: int) -> None:
         """Run the commands since the last call, in the block that begins at this sample."""
-        now, last, due = self._clock(), 0, []
+        run_time, last, due_commands = self._clock(), 0, []
         with self._lock:
             waiting, self._waiting = self._waiting, {}
             while self._planned and self._planned[0][0] < sample + self._block:
                 planned, _, command = heapq.heappop(self._planned)
                 self.overdue += planned < sample
-                due.append((max(planned, sample), command))
-        for said, command in waiting.values():
-            place = int((said - self._emptied) / self._length * self._block)
+                due_commands.append((max(planned, sample), command))
+        for queued_time, command in waiting.values():
+            place = int((queued_time - self._last_run) / self._length * self._block)
             last = max(last, min(place, self._block - 1))
-            due.append((sample + last, command))
-        for place, command in sorted(due, key=itemgetter(0)):
+            due_commands.append((sample + last, command))
+        for place, command in sorted(due_commands, key=itemgetter(0)):
             try:
                 command(place)
             except Exception as failure:  # noqa: BLE001 - raised for whoever plays
                 self._error.keep(failure)
-        self._emptied = now
+        self._last_run = run_time
 
 
 class PlayedBody:
@@ -521,16 +533,16 @@ class PlayedBody:
         if isinstance(at, Contact):
             return at
         key = (_hashable(at), _hashable(direction))
-        known = self._contacts.get(key)
-        return known or _keep(self._contacts, key, self.model.contact(at, direction))
+        contact = self._contacts.get(key)
+        return contact or _keep(self._contacts, key, self.model.contact(at, direction))
 
     def drive(self, contact: Contact, patch: float = 0.0) -> Array:
         """Return how strongly each mode answers, the same object for the same contact."""
         key = (*contact.point.tolist(), *contact.direction.tolist(), patch)
-        known = self._drives.get(key)
-        if known is None:
-            known = _keep(self._drives, key, drive(self.model, contact, radius=patch))
-        return known
+        mode_drive = self._drives.get(key)
+        if mode_drive is None:
+            mode_drive = _keep(self._drives, key, drive(self.model, contact, radius=patch))
+        return mode_drive
 
     def hold(self, at: Place, grip: float) -> None:
         """Hold the body at a place with a viscous grip, N s/m (`Hold`); 0 lets go."""
@@ -542,19 +554,19 @@ class PlayedBody:
 
     def changed(self, model: ModalModel) -> PlayedBody:
         """Return another body in the same hands; OptionError where the number of modes differs."""
-        other = PlayedBody(model, self._rate)
-        self.free.require_same(other.free)
+        body = PlayedBody(model, self._rate)
+        self.free.require_same(body.free)
         for hold, _ in self._holds.values():
-            other.hold(hold.at, hold.grip)
-        return other
+            body.hold(hold.at, hold.grip)
+        return body
 
     @property
     def logarithms(self) -> Complex:
         """Logarithm of each mode's factor per sample (M,), decays raised by the hands."""
-        held = np.zeros(self.free.modes)
-        for _, raised in self._holds.values():
-            held = held + raised
-        return self.free.raised(held) / self._rate
+        rises = np.zeros(self.free.modes)
+        for _, rise in self._holds.values():
+            rises = rises + rise
+        return self.free.raised(rises) / self._rate
 
     def outputs(self, places: Array) -> Complex:
         """Return the output gain of each mode at places (K, 3): (K, M)."""
@@ -567,8 +579,8 @@ class PlayedBody:
 
     def outputs_aside(self) -> Complex:
         """Return the output gain of each mode (1, M) at 1 m, the body taken as a point source."""
-        far = place_beside(self.model)
-        return far[0] * self.outputs((centre_of(self.model) + far)[None])
+        offset = place_beside(self.model)
+        return offset[0] * self.outputs((centre_of(self.model) + offset)[None])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -595,8 +607,8 @@ class PlannedBlow:
     @property
     def first(self) -> int:
         """Number of the first sample at which the blow is heard."""
-        begun = self.pulse.first
-        return begun if self.residual is None else min(begun, self.residual.first)
+        first_sample = self.pulse.first
+        return first_sample if self.residual is None else min(first_sample, self.residual.first)
 
 
 class Notes:
@@ -604,13 +616,13 @@ class Notes:
 
     def __init__(self, tool: Tool) -> None:
         self._tool = tool
-        self._rows: Array = np.full((MOST_NOTED, 9), 0.0)
-        self._count, self._axes, self._directed = 0, 3, True
+        self._rows: Array = np.full((MAX_UPDATES, 9), 0.0)
+        self._count, self._axes, self._has_directions = 0, 3, True
 
     def add(self, time: float, update: Update) -> None:
         """Note an update that takes effect at a time, s; when full it replaces the oldest."""
-        row = self._rows[self._count % MOST_NOTED]
-        self._axes, self._directed = len(update.point), bool(update.direction.any())
+        row = self._rows[self._count % MAX_UPDATES]
+        self._axes, self._has_directions = len(update.point), bool(update.direction.any())
         row[0] = time
         row[1 : 1 + self._axes], row[4:7] = update.point, update.direction
         row[7:] = update.force, update.speed
@@ -620,12 +632,12 @@ class Notes:
         """Return the updates as an excitation; OptionError where there was no touch."""
         if not self._count:
             raise OptionError("nothing was touched yet: there is no log")
-        rows = np.roll(self._rows, -(self._count % MOST_NOTED), axis=0)
-        rows = rows if self._count > MOST_NOTED else self._rows[: self._count]
+        rows = np.roll(self._rows, -(self._count % MAX_UPDATES), axis=0)
+        rows = rows if self._count > MAX_UPDATES else self._rows[: self._count]
         return TouchLog(
             times=rows[:, 0],
             points=rows[:, 1 : 1 + self._axes] if self._axes else None,
-            directions=rows[:, 4:7] if self._directed else None,
+            directions=rows[:, 4:7] if self._has_directions else None,
             forces=rows[:, 7],
             speeds=rows[:, 8],
             tool=self._tool,
@@ -649,11 +661,11 @@ def _hashable(place: Place) -> Hashable:
     return tuple(np.asarray(place, np.float64).ravel().tolist())
 
 
-def _keep(known: dict[Hashable, Kept], key: Hashable, value: Kept) -> Kept:
+def _keep(cache: dict[Hashable, Value], key: Hashable, value: Value) -> Value:
     """Cache one more, dropping the oldest where there are too many; any thread may call it."""
-    if len(known) >= _KEPT:
-        known.pop(list(known)[0], None)  # noqa: RUF015 - no other thread comes between in `list`
-    return known.setdefault(key, value)
+    if len(cache) >= _CACHE_SIZE:
+        cache.pop(list(cache)[0], None)  # noqa: RUF015 - no other thread comes between in `list`
+    return cache.setdefault(key, value)
 
 
 def full_scale(
@@ -663,8 +675,8 @@ def full_scale(
 
     The listener is in the coordinates of each body, m (3,).
     """
-    seen = zip(bodies, listeners, strict=True)
-    peak = max(_peak(body, listener, sample_rate) for body, listener in seen)
+    pairs = zip(bodies, listeners, strict=True)
+    peak = max(_peak(body, listener, sample_rate) for body, listener in pairs)
     if not peak > 0:
         raise OptionError(
             "none of the bodies is heard at the listener: look at the models' gains, or give "
@@ -675,4 +687,6 @@ def full_scale(
 
 def _peak(body: PlayedBody, listener: Array, sample_rate: float) -> float:
     rate = round(sample_rate)
-    return render(body.model, Strike(), seconds=_LISTENED, sample_rate=rate, listener=listener).peak
+    return render(
+        body.model, Strike(), seconds=_LOUDNESS_SECONDS, sample_rate=rate, listener=listener
+    ).peak

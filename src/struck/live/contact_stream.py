@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from struck.errors import OptionError, SimulationError, StruckError
-from struck.excitation.friction import FADE, Rubbed
+from struck.excitation.friction import FADE_SECONDS, SlidingContact
 from struck.excitation.strike import Strike
 from struck.live.commands import Host
 from struck.model.arrays import Array
@@ -36,13 +36,13 @@ if TYPE_CHECKING:
 
 FORESIGHT = 0.06  # s of a log beyond what is planned
 HINDSIGHT = 0.08  # s of it before that
-_PIECE, _LONGEST_PIECE = 0.05, 0.2  # s of a simulation that are looked at together
-_FIRST_PIECES, _BUSY = 2, 0.7
-_AHEAD = 0.04  # s by which what is planned is ahead of the sound
-_SAME = 2.5  # steps by which a blow may shift when more of what follows is known
-_MOST_SHIFT = 5e-3  # s, by which at most
-_SHORTEST = 2e-3  # s, of a part of a sustained contact
-_NAP = 2e-3  # s
+_PIECE_SECONDS, _MAX_PIECE_SECONDS = 0.05, 0.2  # s of a simulation that are looked at together
+_FIRST_PIECES, _MAX_BUSY_RATIO = 2, 0.7
+_LEAD_SECONDS = 0.04  # s by which what is planned is ahead of the sound
+_MAX_SHIFT_STEPS = 2.5  # steps by which a blow may shift when more of what follows is known
+_MAX_SHIFT_SECONDS = 5e-3  # s, by which at most
+_MIN_SECONDS = 2e-3  # s, of a part of a sustained contact
+_NAP_SECONDS = 2e-3  # s
 _COLUMNS = ("time", "dt", "body0", "body1", "position", "normal", "impulse", "velocity", "id")
 _POSE = ("time", "body", "position", "rotation")
 
@@ -51,8 +51,8 @@ class _Rubbing(NamedTuple):
     """A sustained contact that goes on."""
 
     end: float  # s, of what is planned
-    rubbed: Sequence[Rubbed]
-    ways: Sequence[Array] | None  # where on the roughness of each body it is then, m (3,)
+    surfaces: Sequence[SlidingContact]
+    positions: Sequence[Array] | None  # where on the roughness of each body it is then, m (3,)
     seed: int
 
 
@@ -67,9 +67,11 @@ class ContactStream:
     missed: int = 0  # rows of times that were planned before
     zero: int | None = None  # sample at which the log's time is 0
     _window: Contacts | None = None
-    _decided: float = -np.inf  # s: contacts before this moment are planned
-    _struck: dict[tuple[int, int], float] = field(default_factory=dict)  # last blow of pairs, s
-    _begun: int = 0  # sustained contacts
+    _planned_end: float = -np.inf  # s: contacts before this moment are planned
+    _last_blow_times: dict[tuple[int, int], float] = field(
+        default_factory=dict
+    )  # last blow of pairs, s
+    _contact_count: int = 0  # sustained contacts
     _rubbing: dict[tuple[int, int], _Rubbing] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
@@ -88,32 +90,38 @@ class ContactStream:
         """
         with self._lock:
             poses = np.zeros(0) if piece.poses is None else piece.poses.time
-            told = np.concatenate([piece.time, poses])
-            if not len(told):
+            times = np.concatenate([piece.time, poses])
+            if not len(times):
                 return
-            before = self._window
-            window = piece if before is None else _joined(before, piece, self._decided - HINDSIGHT)
+            previous = self._window
+            window = (
+                piece
+                if previous is None
+                else _join_logs(previous, piece, self._planned_end - HINDSIGHT)
+            )
             events = events_of(self.scene, window)  # refuses what does not fit
             if check is not None:
                 check(window)
             self._window = window
-            self.missed += int(np.count_nonzero(piece.time < self._decided))
-            if before is None:
-                self._decided = float(told.min())
-            end = float(told.max()) if until is None else until
-            end = max(end + 1.0 if ended else end - FORESIGHT, self._decided)
+            self.missed += int(np.count_nonzero(piece.time < self._planned_end))
+            if previous is None:
+                self._planned_end = float(times.min())
+            end = float(times.max()) if until is None else until
+            end = max(end + 1.0 if ended else end - FORESIGHT, self._planned_end)
             self._plan(events, piece, end)
-            self._decided = end
+            self._planned_end = end
 
     def _plan(self, events: Events, piece: Contacts, end: float) -> None:
         """Plan the events from the end of the last piece to an end, s."""
         blows = self._blows(events, end)
-        struck = replace(events, impacts=blows, sustained=()).on().bodies if len(blows) else {}
+        struck_bodies = (
+            replace(events, impacts=blows, sustained=()).on().bodies if len(blows) else {}
+        )
         plans = [
-            self.host.blow(name, each)
-            for name, body in struck.items()
-            for each in body.actions
-            if isinstance(each, Strike)
+            self.host.blow(name, action)
+            for name, body in struck_bodies.items()
+            for action in body.actions
+            if isinstance(action, Strike)
         ]
         for contact, seed in self._rubs(events, end):
             for number in (contact.first, contact.second):
@@ -122,49 +130,60 @@ class ContactStream:
                 if not body.silent:
                     rub = contact.on(body.sounding, first=first, seed=seed)
                     plans.append(self.host.rub(name, rub))
-        zero = self._in_time()  # now that all is computed
+        zero = self._schedule()  # now that all is computed
         self.host.follow(_poses_of(piece), zero)
         for plan in plans:
             plan(zero)
 
-    def _in_time(self) -> int:
+    def _schedule(self) -> int:
         """Return the sample at which the log's time is 0, put off where it is too late for that."""
-        earliest = self.host.now + round(_AHEAD * self.sample_rate)
-        begin = round(self._decided * self.sample_rate)
+        min_sample = self.host.now + round(_LEAD_SECONDS * self.sample_rate)
+        log_start = round(self._planned_end * self.sample_rate)
         if self.zero is None:
-            self.zero = earliest - begin
-        if self.zero + begin < self.host.now:
-            self.slipped += (earliest - self.zero - begin) / self.sample_rate
-            self.zero = earliest - begin
+            self.zero = min_sample - log_start
+        if self.zero + log_start < self.host.now:
+            self.slipped += (min_sample - self.zero - log_start) / self.sample_rate
+            self.zero = min_sample - log_start
         return self.zero
 
     def _blows(self, events: Events, end: float) -> Impacts:
         """Return the blows that are new, and before an end, s."""
         impacts, steps = events.impacts, events.contacts.dt
-        slack = min(_SAME * float(np.median(steps)), _MOST_SHIFT) if len(steps) else 0.0
-        before, new = dict(self._struck), []
-        for k in np.flatnonzero((impacts.time < end) & (impacts.time >= self._decided - slack)):
+        slack = (
+            min(_MAX_SHIFT_STEPS * float(np.median(steps)), _MAX_SHIFT_SECONDS)
+            if len(steps)
+            else 0.0
+        )
+        last_blows, new = dict(self._last_blow_times), []
+        for k in np.flatnonzero((impacts.time < end) & (impacts.time >= self._planned_end - slack)):
             pair, moment = (int(impacts.first[k]), int(impacts.second[k])), float(impacts.time[k])
-            if moment > before.get(pair, -np.inf) + slack:
-                self._struck[pair] = max(moment, self._struck.get(pair, -np.inf))
+            if moment > last_blows.get(pair, -np.inf) + slack:
+                self._last_blow_times[pair] = max(moment, self._last_blow_times.get(pair, -np.inf))
                 new.append(k)
         return impacts.chosen(np.array(new, np.int64))
 
     def _rubs(self, events: Events, end: float) -> Iterator[tuple[SustainedContact, int]]:
         """Yield the parts of sustained contacts up to an end, s, with the seed of each."""
-        for each in events.sustained:
-            low = max(self._decided, float(each.times[0]))
-            high = min(end + FADE, float(each.times[-1]))
-            if high - low < _SHORTEST:
+        for contact in events.sustained:
+            low = max(self._planned_end, float(contact.times[0]))
+            high = min(end + FADE_SECONDS, float(contact.times[-1]))
+            if high - low < _MIN_SECONDS:
                 continue
-            pair, part = (each.first, each.second), each.cut(low, high)
+            pair, part = (contact.first, contact.second), contact.cut(low, high)
             last = self._rubbing.get(pair)
             if last is None or last.end < low:  # it begins
-                self._begun += 1
-                last = _Rubbing(end=low, rubbed=each.rubbed, ways=part.begins, seed=self._begun)
-            part = replace(part, rubbed=last.rubbed, begins=last.ways)
-            places = [[np.interp(end, part.times, axis) for axis in way.T] for way in part.ways]
-            self._rubbing[pair] = last._replace(end=end, ways=[np.array(at) for at in places])
+                self._contact_count += 1
+                last = _Rubbing(
+                    end=low,
+                    surfaces=contact.surfaces,
+                    positions=part.begins,
+                    seed=self._contact_count,
+                )
+            part = replace(part, surfaces=last.surfaces, begins=last.positions)
+            places = [
+                [np.interp(end, part.times, axis) for axis in path.T] for path in part.surface_paths
+            ]
+            self._rubbing[pair] = last._replace(end=end, positions=[np.array(at) for at in places])
             yield part, last.seed
 
 
@@ -181,7 +200,7 @@ class SimulationRun:
         self.start = self._thread.start
         self._engine = simulation.started()
         for _ in range(_FIRST_PIECES):  # the first takes longest, as all is looked up anew
-            self._go_on(_PIECE)
+            self._go_on(_PIECE_SECONDS)
 
     def stop(self) -> None:
         """End the simulation's thread, if it ever began."""
@@ -203,24 +222,28 @@ class SimulationRun:
         except StruckError as failure:
             error.keep(failure)
         except Exception as failure:  # noqa: BLE001 - of `control`; raised for whoever plays
-            told = SimulationError(f"the simulation ended: it, or control=, raised {failure!r}")
-            told.__cause__ = failure
-            error.keep(told)
+            simulation_error = SimulationError(
+                f"the simulation ended: it, or control=, raised {failure!r}"
+            )
+            simulation_error.__cause__ = failure
+            error.keep(simulation_error)
 
     def _keep_up(self) -> None:
-        stream, begun, worked = self._stream, time.perf_counter(), time.thread_time()
-        took, length = 0.0, _PIECE
+        stream, start_time, start_cpu_time = self._stream, time.perf_counter(), time.thread_time()
+        plan_seconds, length = 0.0, _PIECE_SECONDS
         while not self._stopping:
-            now = time.perf_counter()
-            self.load = (time.thread_time() - worked) / max(now - begun, 1e-9)
-            heard = (stream.host.now - (stream.zero or 0)) / stream.sample_rate
-            if self._engine.time > heard + FORESIGHT + _AHEAD + 2 * took:
-                time.sleep(_NAP)
+            loop_time = time.perf_counter()
+            self.load = (time.thread_time() - start_cpu_time) / max(loop_time - start_time, 1e-9)
+            played_time = (stream.host.now - (stream.zero or 0)) / stream.sample_rate
+            if self._engine.time > played_time + FORESIGHT + _LEAD_SECONDS + 2 * plan_seconds:
+                time.sleep(_NAP_SECONDS)
                 continue
             self._go_on(length)
-            took = max(0.9 * took, time.perf_counter() - now)
-            if took > _BUSY * length:  # what is done once for each piece is done less often
-                length = min(2 * length, _LONGEST_PIECE)
+            plan_seconds = max(0.9 * plan_seconds, time.perf_counter() - loop_time)
+            if (
+                plan_seconds > _MAX_BUSY_RATIO * length
+            ):  # what is done once for each piece is done less often
+                length = min(2 * length, _MAX_PIECE_SECONDS)
 
     def _go_on(self, length: float) -> None:
         """Advance the simulation by some time, s, and plan the sound of its contacts."""
@@ -240,27 +263,31 @@ def hurry(priority: int) -> None:
             os.sched_setscheduler(thread, os.SCHED_RR, os.sched_param(priority))
 
 
-def _joined(old: Contacts, new: Contacts, since: float) -> Contacts:
+def _join_logs(old: Contacts, new: Contacts, start_time: float) -> Contacts:
     """Return one log of two pieces: rows of the older one since a time, s, then the newer one."""
     if old.names != new.names:
         raise OptionError(f"names are {new.names}, and were {old.names}: give the same each time")
-    kept = old.time >= since
-    both = {n: (getattr(old, n), getattr(new, n)) for n in _COLUMNS}
-    known = {n: pair for n, pair in both.items() if pair[0] is not None and pair[1] is not None}
-    columns: dict[str, Any] = {n: np.concatenate([a[kept], b]) for n, (a, b) in known.items()}
-    poses = [each.poses for each in (old, new) if each.poses is not None]
+    is_recent = old.time >= start_time
+    column_pairs = {n: (getattr(old, n), getattr(new, n)) for n in _COLUMNS}
+    known_pairs = {
+        n: pair for n, pair in column_pairs.items() if pair[0] is not None and pair[1] is not None
+    }
+    columns: dict[str, Any] = {
+        n: np.concatenate([a[is_recent], b]) for n, (a, b) in known_pairs.items()
+    }
+    poses = [log.poses for log in (old, new) if log.poses is not None]
     if len(poses) == 2:
-        poses[0] = _since(poses[0], since)
+        poses[0] = _select_poses(poses[0], start_time)
     rows: dict[str, Any] = {
-        n: np.concatenate([getattr(each, n) for each in poses]) for n in _POSE if poses
+        n: np.concatenate([getattr(log, n) for log in poses]) for n in _POSE if poses
     }
     return Contacts(names=new.names, poses=Poses(**rows) if rows else None, **columns)
 
 
-def _since(poses: Poses, since: float) -> Poses:
+def _select_poses(poses: Poses, start_time: float) -> Poses:
     """Return poses from a time on, s, and the last one before it of each body."""
-    kept = ~np.append((np.diff(poses.body) == 0) & (poses.time[1:] <= since), False)
-    return Poses(**{name: getattr(poses, name)[kept] for name in _POSE})
+    is_selected = ~np.append((np.diff(poses.body) == 0) & (poses.time[1:] <= start_time), False)
+    return Poses(**{name: getattr(poses, name)[is_selected] for name in _POSE})
 
 
 def _poses_of(piece: Contacts) -> Mapping[str, tuple[Array, Array, Array]]:

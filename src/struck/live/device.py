@@ -32,9 +32,9 @@ CONTINUE, COMPLETE = 0, 1  # what a callback returns
 _FLOAT32 = 1  # sample format, interleaved
 _UNANTICIPATED_HOST_ERROR = -9999
 TO_FILE = "`struck render MODEL -o FILE.wav` needs no device"
-_LONGEST_LATENCY = 10.0  # s; JACK's dummy driver states a day
-_FADED = 1.0  # s, in which a stream ends after it was asked to
-_PATIENCE = 3.0  # s; PortAudio may wait for minutes for a sound server that has died
+_MAX_LATENCY = 10.0  # s; JACK's dummy driver states a day
+_FADE_SECONDS = 1.0  # s, in which a stream ends after it was asked to
+_PATIENCE_SECONDS = 3.0  # s; PortAudio may wait for minutes for a sound server that has died
 
 
 class _HostApi(Structure):
@@ -74,7 +74,7 @@ class _StreamInfo(Structure):
     _fields_ = (("version", c_int), ("input", c_double), ("output", c_double))  # latencies, s
 
 
-_RETURNED = {
+_RESULT_TYPES = {
     "Pa_GetErrorText": c_char_p,
     "Pa_GetLastHostErrorInfo": POINTER(_HostError),
     "Pa_GetDeviceInfo": POINTER(_DeviceInfo),
@@ -93,7 +93,7 @@ def load_library() -> ctypes.CDLL:
             library = ctypes.CDLL(candidate)
         except OSError:
             continue
-        for name, kind in _RETURNED.items():
+        for name, kind in _RESULT_TYPES.items():
             getattr(library, name).restype = kind
         library.Pa_OpenStream.argtypes = _OPEN_STREAM
         return library
@@ -131,23 +131,23 @@ def _candidates() -> Iterator[str]:
 
 
 @contextlib.contextmanager
-def silenced() -> Iterator[None]:
+def silence_output() -> Iterator[None]:
     """Discard the messages of ALSA and JACK on file descriptor 2 while they probe for devices."""
     if sys.stderr is not None:
         sys.stderr.flush()
     try:
-        kept = os.dup(2)
+        descriptor = os.dup(2)
     except OSError:  # there is no such descriptor, so nothing to silence
         yield
         return
-    nowhere = os.open(os.devnull, os.O_WRONLY)
+    null_descriptor = os.open(os.devnull, os.O_WRONLY)
     try:
-        os.dup2(nowhere, 2)
+        os.dup2(null_descriptor, 2)
         yield
     finally:
-        os.dup2(kept, 2)
-        os.close(nowhere)
-        os.close(kept)
+        os.dup2(descriptor, 2)
+        os.close(null_descriptor)
+        os.close(descriptor)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -181,44 +181,47 @@ class Device:
     default: bool
 
     def __str__(self) -> str:
-        usual = ", default" if self.default else ""
+        suffix = ", default" if self.default else ""
         channels = f"{self.outputs} channels" if self.outputs else f"{self.inputs} inputs"
         return (
             f"{self.number}: {self.name} ({self.host}, {channels}, "
-            f"{self.sample_rate:.0f} Hz{usual})"
+            f"{self.sample_rate:.0f} Hz{suffix})"
         )
 
 
-def choose(devices: list[Device], wanted: int | str | None = None, *, what: str = "play") -> Device:
+def choose(
+    devices: list[Device], selector: int | str | None = None, *, what: str = "play"
+) -> Device:
     """Return a device by number or part of its name (any case); None: the system's default."""
     if not devices:
         raise DeviceError(
             f"no audio device can {what}: connect one, or start a sound server; {TO_FILE}"
         )
-    chosen = [device for device in devices if _matches(device, wanted)]
+    chosen = [device for device in devices if _matches(device, selector)]
     if len(chosen) != 1:
-        how = "no audio device is" if not chosen else f"{len(chosen)} audio devices are"
+        problem = "no audio device is" if not chosen else f"{len(chosen)} audio devices are"
         raise DeviceError(
-            f"{how} {_described(wanted)}: give the number of one of {_listed(devices)}"
+            f"{problem} {_describe_selector(selector)}: give the number of one of "
+            f"{_list_devices(devices)}"
         )
     return chosen[0]
 
 
-def _matches(device: Device, wanted: int | str | None) -> bool:
-    if wanted is None:
+def _matches(device: Device, selector: int | str | None) -> bool:
+    if selector is None:
         return device.default
-    if isinstance(wanted, int):
-        return device.number == wanted
-    return wanted.casefold() in device.name.casefold()
+    if isinstance(selector, int):
+        return device.number == selector
+    return selector.casefold() in device.name.casefold()
 
 
-def _described(wanted: int | str | None) -> str:
-    if wanted is None:
+def _describe_selector(selector: int | str | None) -> str:
+    if selector is None:
         return "the default"
-    return f"number {wanted}" if isinstance(wanted, int) else f"named like {wanted!r}"
+    return f"number {selector}" if isinstance(selector, int) else f"named like {selector!r}"
 
 
-def _listed(devices: list[Device]) -> str:
+def _list_devices(devices: list[Device]) -> str:
     """Return all devices in one line."""
     return "; ".join(map(str, devices))
 
@@ -245,14 +248,17 @@ class Stream:
         if self._handle is None:
             return True
         handle, self._handle = self._handle, None
-        if self._portaudio.answers and _patiently(self._library.Pa_CloseStream, handle) is None:
+        if (
+            self._portaudio.answers
+            and _call_patiently(self._library.Pa_CloseStream, handle) is None
+        ):
             self._portaudio.answers = False
         return self._portaudio.answers
 
     @property
     def active(self) -> bool:
         """Whether the callback is called: not once it returned COMPLETE or the device went."""
-        return self._library.Pa_IsStreamActive(self._opened()) == 1
+        return self._library.Pa_IsStreamActive(self._require_open()) == 1
 
     @property
     def load(self) -> float:
@@ -262,39 +268,39 @@ class Stream:
     @property
     def latency(self) -> float:
         """From the callback to the air, as the device states it, s; 0 once closed or unknown."""
-        known = None if self._handle is None else self._library.Pa_GetStreamInfo(self._handle)
-        latency = known.contents.output if known else 0.0
-        return latency if latency < _LONGEST_LATENCY else 0.0
+        info = None if self._handle is None else self._library.Pa_GetStreamInfo(self._handle)
+        latency = info.contents.output if info else 0.0
+        return latency if latency < _MAX_LATENCY else 0.0
 
-    def _opened(self) -> c_void_p:
+    def _require_open(self) -> c_void_p:
         if self._handle is None:
             raise DeviceError(f"the stream on {self.device.name} is closed: open another")
         return self._handle
 
     def _do(self, function: str, action: str) -> int:
-        handle = self._opened()
+        handle = self._require_open()
         trouble = f"{self.device.name} ({self.device.host}) cannot {action}"
-        code = _patiently(getattr(self._library, function), handle)
+        code = _call_patiently(getattr(self._library, function), handle)
         if code is None:
             self._portaudio.answers = False
             raise DeviceError(
-                f"{trouble}: no answer for {_PATIENCE:g} s; is its sound server still there? "
-                f"Start again with another device; {TO_FILE}"
+                f"{trouble}: no answer for {_PATIENCE_SECONDS:g} s; is its sound server still "
+                f"there? Start again with another device; {TO_FILE}"
             )
         return check(self._library, code, trouble, f"; {TO_FILE}")
 
 
-def keep(used: object) -> None:
+def keep(reference: object) -> None:
     """Keep an object for ever, as PortAudio may still call and read it."""
-    ctypes.pythonapi.Py_IncRef(ctypes.py_object(used))
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(reference))
 
 
-def _patiently(function: Callable[[c_void_p], int], handle: c_void_p) -> int | None:
+def _call_patiently(function: Callable[[c_void_p], int], handle: c_void_p) -> int | None:
     """Return the code of a PortAudio function; None where it does not return in time."""
     codes: list[int] = []
     call = threading.Thread(target=lambda: codes.append(function(handle)), daemon=True)
     call.start()
-    call.join(_PATIENCE)
+    call.join(_PATIENCE_SECONDS)
     return codes[0] if codes else None
 
 
@@ -303,7 +309,7 @@ class PortAudio:
 
     def __init__(self) -> None:
         self.library: ctypes.CDLL = load_library()
-        with silenced():
+        with silence_output():
             code = self.library.Pa_Initialize()
         check(self.library, code, "PortAudio cannot start")
         self._initialised = True
@@ -324,18 +330,18 @@ class PortAudio:
 
     def devices(self) -> list[Device]:
         """Return all devices that can play."""
-        usual = self.library.Pa_GetDefaultOutputDevice()
-        return [device for device in self._found(usual) if device.outputs]
+        default_number = self.library.Pa_GetDefaultOutputDevice()
+        return [device for device in self._find_devices(default_number) if device.outputs]
 
     def recorders(self) -> list[Device]:
         """Return all devices that can record."""
-        usual = self.library.Pa_GetDefaultInputDevice()
-        return [device for device in self._found(usual) if device.inputs]
+        default_number = self.library.Pa_GetDefaultInputDevice()
+        return [device for device in self._find_devices(default_number) if device.inputs]
 
-    def _found(self, usual: int) -> list[Device]:
-        return [self._describe(n, usual) for n in range(self.library.Pa_GetDeviceCount())]
+    def _find_devices(self, default_number: int) -> list[Device]:
+        return [self._describe(n, default_number) for n in range(self.library.Pa_GetDeviceCount())]
 
-    def _describe(self, number: int, usual: int) -> Device:
+    def _describe(self, number: int, default_number: int) -> Device:
         device = self.library.Pa_GetDeviceInfo(number).contents
         host = self.library.Pa_GetHostApiInfo(device.host).contents
         return Device(
@@ -347,16 +353,16 @@ class PortAudio:
             sample_rate=device.sample_rate,
             output_latency=device.low_output_latency,
             input_latency=device.low_input_latency,
-            default=number == usual,
+            default=number == default_number,
         )
 
-    def device(self, wanted: int | str | None = None) -> Device:
+    def device(self, selector: int | str | None = None) -> Device:
         """Return the `wanted` device to play on, by number or name; None: the default one."""
-        return choose(self.devices(), wanted)
+        return choose(self.devices(), selector)
 
-    def recorder(self, wanted: int | str | None = None) -> Device:
+    def recorder(self, selector: int | str | None = None) -> Device:
         """Return the `wanted` device to record from, chosen as by `device`."""
-        return choose(self.recorders(), wanted, what="record")
+        return choose(self.recorders(), selector, what="record")
 
     def open(
         self,
@@ -376,26 +382,26 @@ class PortAudio:
         channels on the same `device`; without `channels` it only records.
         """
         chosen = self.device(device) if channels else self.recorder(device)
-        there = self.devices() if channels else self.recorders()
+        devices = self.devices() if channels else self.recorders()
         handle = c_void_p()
         code = self.library.Pa_OpenStream(
             byref(handle),
-            _asked(chosen.number, inputs, chosen.input_latency),
-            _asked(chosen.number, channels, chosen.output_latency),
+            _make_parameters(chosen.number, inputs, chosen.input_latency),
+            _make_parameters(chosen.number, channels, chosen.output_latency),
             sample_rate, block, 0, callback, data,
         )  # fmt: skip
-        recorded = f" and {inputs} recorded" if inputs else ""
+        input_text = f" and {inputs} recorded" if inputs else ""
         check(
             self.library,
             code,
-            f"{chosen.name} ({chosen.host}) refuses {channels} channels{recorded} at "
+            f"{chosen.name} ({chosen.host}) refuses {channels} channels{input_text} at "
             f"{sample_rate:g} Hz in blocks of {block}",
-            f"; there is {_listed(there)}; and {TO_FILE}",
+            f"; there is {_list_devices(devices)}; and {TO_FILE}",
         )
         return Stream(self, handle, chosen)
 
 
-def _asked(device: int, channels: int, latency: float) -> Any:  # noqa: ANN401 - ctypes' reference
+def _make_parameters(device: int, channels: int, latency: float) -> Any:  # noqa: ANN401 - ctypes' reference
     """Return PaStreamParameters of one direction of a stream; None where it has no channels."""
     if not channels:
         return None
@@ -417,11 +423,11 @@ class Outlet:
         self.channels = min(2, chosen.outputs)
         self._number = chosen.number
         self._stream: Stream | None = None
-        self._used: Shared | None = None
+        self._shared: Shared | None = None
 
     def open(self, callback: int, shared: Shared, block: int) -> None:
         """Open the stream; DeviceError where the device refuses."""
-        self._used = shared
+        self._shared = shared
         self._stream = self._portaudio.open(
             callback,
             shared.address,
@@ -455,15 +461,15 @@ class Outlet:
     def close(self) -> None:
         """Fade out and close; a device that no longer answers is left alone."""
         stream, self._stream = self._stream, None
-        if stream is not None and self._used is not None:
-            self._end(stream, self._used)
+        if stream is not None and self._shared is not None:
+            self._end(stream, self._shared)
             if not stream.close():
-                keep(self._used)
+                keep(self._shared)
         self._portaudio.close()
 
     def _end(self, stream: Stream, shared: Shared) -> None:
         shared.counters[OPEN] = 0
-        give_up = time.monotonic() + _FADED
+        give_up = time.monotonic() + _FADE_SECONDS
         with contextlib.suppress(DeviceError):
             while stream.active and time.monotonic() < give_up:
                 time.sleep(0.005)

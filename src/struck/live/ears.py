@@ -23,10 +23,10 @@ from struck.live.ring import NEW_WAYS, SINCE, Record
 from struck.model.arrays import Array, Complex
 from struck.scene.body import Body, centre_of
 
-FARTHEST = 340.0  # m from a body to a listener while it is played: a second of travel
-_GROUP = 8  # taps in a vector
-_NOTHING = 1e-7  # m
-_KEPT = 1.5  # s, for which poses are kept: sound that left a body then has arrived
+MAX_DISTANCE = 340.0  # m from a body to a listener while it is played: a second of travel
+_VECTOR_TAPS = 8  # taps in a vector
+_ZERO_DISTANCE = 1e-7  # m
+_HISTORY_SECONDS = 1.5  # s, for which poses are kept: sound that left a body then has arrived
 
 
 class EarsMemory(ctypes.Structure):
@@ -46,38 +46,49 @@ class Course:
     The feeder's thread alone adds to them.
     """
 
-    def __init__(self, place: Array, turn: Array) -> None:
-        self._times, self._places = np.zeros(1), place[None]
-        self._turns = _quaternions(turn[None])
+    def __init__(self, position: Array, rotation: Array) -> None:
+        self._times, self._places = np.zeros(1), position[None]
+        self._rotations = _quaternions(rotation[None])
 
     @property
     def last(self) -> tuple[Array, Array]:
         """The last pose: place, m (3,), and unit quaternion (4,)."""
-        return self._places[-1], self._turns[-1]
+        return self._places[-1], self._rotations[-1]
 
-    def add(self, times: Array, places: Array, turns: Array) -> None:
+    def add(self, times: Array, positions: Array, rotations: Array) -> None:
         """Add poses at ascending times, s (K,), in place of all from the first one on."""
-        long_ago = np.searchsorted(self._times, times[0] - _KEPT) - 1
-        kept = slice(max(0, int(long_ago)), int(np.searchsorted(self._times, times[0])))
-        self._times = np.concatenate([self._times[kept], times])
-        self._places = np.concatenate([self._places[kept], places])
-        self._turns = np.concatenate([self._turns[kept], turns])
+        oldest_row = np.searchsorted(self._times, times[0] - _HISTORY_SECONDS) - 1
+        rows = slice(max(0, int(oldest_row)), int(np.searchsorted(self._times, times[0])))
+        self._times = np.concatenate([self._times[rows], times])
+        self._places = np.concatenate([self._places[rows], positions])
+        self._rotations = np.concatenate([self._rotations[rows], rotations])
 
-    def go(self, time: float, place: Array | None, turn: Array | None, within: float) -> None:
+    def go(
+        self, time: float, place: Array | None, target_quaternion: Array | None, duration: float
+    ) -> None:
         """Go to a pose from a time on, `within` s; a part that is None stays as it was."""
-        here, turned = self.last
-        here, turned = here if place is None else place, turned if turn is None else turn
-        if not within:
-            return self.add(np.array([time]), here[None], turned[None])
-        now = np.array([time])
-        begin, begun = self.carried(np.zeros(3)).at(now), self.orientation.at(now)
-        places, turns = np.vstack([begin, here]), np.vstack([_quaternions(begun), turned])
-        return self.add(np.array([time, time + within]), places, turns)
+        position, quaternion = self.last
+        position, quaternion = (
+            position if place is None else place,
+            quaternion if target_quaternion is None else target_quaternion,
+        )
+        if not duration:
+            return self.add(np.array([time]), position[None], quaternion[None])
+        times = np.array([time])
+        start_position, start_rotation = (
+            self.carried(np.zeros(3)).at(times),
+            self.orientation.at(times),
+        )
+        positions, quaternions = (
+            np.vstack([start_position, position]),
+            np.vstack([_quaternions(start_rotation), quaternion]),
+        )
+        return self.add(np.array([time, time + duration]), positions, quaternions)
 
     @property
     def orientation(self) -> Orientation:
         """Orientation of the body over time."""
-        return Orientation(name="rotation", times=self._times, quaternions=self._turns)
+        return Orientation(name="rotation", times=self._times, quaternions=self._rotations)
 
     def carried(self, point: Array) -> MovingPoint:
         """Return a point (3,) of it as it moves, m."""
@@ -96,24 +107,24 @@ class Following:
 
     def __init__(self, pose: Pose) -> None:
         self.ear_points, self.field = pose.ear_points, pose.field
-        self.course = Course(*_at_rest(pose))
+        self.course = Course(*_require_rest(pose))
 
     def at(self, times: Array) -> tuple[Array, Array]:
         """Return places and axes as `Pose.at`."""
-        carried = self.course.carried(np.zeros(3))
-        centres, turns = carried.at(times), carried.orientation.at(times)
-        ears = centres[:, None] + self.ear_points @ turns
-        return np.concatenate([centres[:, None], ears], axis=1), turns
+        moving_point = self.course.carried(np.zeros(3))
+        centres, rotations = moving_point.at(times), moving_point.orientation.at(times)
+        ears = centres[:, None] + self.ear_points @ rotations
+        return np.concatenate([centres[:, None], ears], axis=1), rotations
 
 
-def _at_rest(pose: Pose) -> tuple[Array, Array]:
+def _require_rest(pose: Pose) -> tuple[Array, Array]:
     if pose.moves:
         raise OptionError(
             "while it is played a listener goes where `player.listener` says: give a position and "
             "a direction that stay"
         )
-    places, turned = pose.at(np.zeros(1))
-    return places[0, 0].copy(), turned[0].copy()
+    points, rotations = pose.at(np.zeros(1))
+    return points[0, 0].copy(), rotations[0].copy()
 
 
 class _Bounded(Propagation):
@@ -123,7 +134,7 @@ class _Bounded(Propagation):
         pass
 
 
-class _Told(NamedTuple):
+class _FieldGains(NamedTuple):
     """Gains of a timbre field (points, M) at the begin and the end of a stretch, and for where."""
 
     before: Complex
@@ -139,14 +150,14 @@ class LiveEars:
         self, bodies: Sequence[Body], listener: Listener, *, sample_rate: float, block: int
     ) -> None:
         self._emitters = [body.emitter for body in bodies]
-        self.fields = [number for number, each in enumerate(self._emitters) if each.field]
-        self._told: dict[int, _Told] = {}
+        self.fields = [number for number, emitter in enumerate(self._emitters) if emitter.field]
+        self._field_gains: dict[int, _FieldGains] = {}
         # A coordinate that is a rounding error is 0.
         centres = [centre_of(body.model) for body in bodies]
-        self._centres = [np.where(np.abs(c) < _NOTHING, 0.0, c) for c in centres]
+        self._centres = [np.where(np.abs(c) < _ZERO_DISTANCE, 0.0, c) for c in centres]
         start = np.zeros(1)
         self._courses = [Course(b.origin.at(start)[0], b.orientation.at(start)[0]) for b in bodies]
-        self._moved = set(range(len(bodies)))
+        self._moved_bodies = set(range(len(bodies)))
         self._pose = Following(Pose.of(listener, self._emitters))
         self._rate, self._block = sample_rate, block
         self._stretch = block * max(1, round(STRETCH / block))
@@ -159,7 +170,7 @@ class LiveEars:
             stretch=self._stretch,
             even=True,
         )
-        self._sent, self._since = 0, self._stretch
+        self._sample_count, self._stretch_samples = 0, self._stretch
         self._require_possible(self.position)
         self._lay_out()
 
@@ -171,10 +182,10 @@ class LiveEars:
     def heads(self) -> list[Array]:
         """Return the centre of the head in the coordinates of each body, m (3,)."""
         poses = [course.last for course in self._courses]
-        turned = [Rotation.from_quat(turn, scalar_first=True) for _, turn in poses]
+        rotations = [Rotation.from_quat(rotation, scalar_first=True) for _, rotation in poses]
         return [
-            turn.inv().apply(self.position - place)
-            for (place, _), turn in zip(poses, turned, strict=True)
+            rotation.inv().apply(self.position - position)
+            for (position, _), rotation in zip(poses, rotations, strict=True)
         ]
 
     @property
@@ -190,34 +201,34 @@ class LiveEars:
     @property
     def taps(self) -> int:
         """Length of the ears' responses, padded to whole vectors."""
-        return -(-self.propagation.paths.after.shape[1] // _GROUP) * _GROUP
+        return -(-self.propagation.paths.after.shape[1] // _VECTOR_TAPS) * _VECTOR_TAPS
 
     def _lay_out(self) -> None:
-        paths, taps, block, found = self.paths, self.taps, self._block, self.propagation
-        longest = FARTHEST / 340.0 * self._rate + found.lead + block + 64
+        paths, taps, block, propagation = self.paths, self.taps, self._block, self.propagation
+        longest = MAX_DISTANCE / 340.0 * self._rate + propagation.lead + block + 64
         length = 2 << int(np.ceil(np.log2(longest)))
-        after = np.zeros((paths, taps), np.float32)
-        after[:, : found.paths.after.shape[1]] = found.paths.after
+        responses = np.zeros((paths, taps), np.float32)
+        responses[:, : propagation.paths.after.shape[1]] = propagation.paths.after
         table = interpolation_kernel()
         # Kept, as the callback has but their addresses.
         self._arrays = {
-            "line": np.zeros((found.lines, length), np.float32),
+            "line": np.zeros((propagation.lines, length), np.float32),
             "between": table,
-            "before": np.zeros_like(after),
-            "after": after,
+            "before": np.zeros_like(responses),
+            "after": responses,
             "history": np.zeros((paths, taps - 1 + block), np.float32),
-            "heard": np.zeros((found.ears, block), np.float32),
+            "heard": np.zeros((propagation.ears, block), np.float32),
             "ways": np.zeros((2, paths, 3)),
-            "line_of": np.array(found.paths.lines, np.int64),
-            "ear_of": np.array(found.paths.ears, np.int64),
+            "line_of": np.array(propagation.paths.lines, np.int64),
+            "ear_of": np.array(propagation.paths.ears, np.int64),
         }
         self.memory = EarsMemory(
-            lines=found.lines,
+            lines=propagation.lines,
             length=length,
             fine=len(table) - 1,
             paths=paths,
             taps=taps,
-            ears=found.ears,
+            ears=propagation.ears,
             block=block,
             stretch=self._stretch,
             now=0,
@@ -232,35 +243,41 @@ class LiveEars:
                 f"the player has {self.propagation.ears} ears and field={self._pose.field!r}, the "
                 f"new listener {len(pose.ear_points)} and {pose.field!r}: start another player"
             )
-        place, turn = _at_rest(pose)
-        self._require_possible(place)
-        return place, _quaternions(turn[None])[0]
+        position, rotation = _require_rest(pose)
+        self._require_possible(position)
+        return position, _quaternions(rotation[None])[0]
 
     def go(
-        self, body: int | None, time: float, place: Array | None, turn: Array | None, *, exact: bool
+        self,
+        body: int | None,
+        time: float,
+        position: Array | None,
+        quaternion: Array | None,
+        *,
+        exact: bool,
     ) -> None:
         """Let a body, or the listener, be somewhere at a time, s; or go there from then on."""
         course = self._pose.course if body is None else self._courses[body]
-        course.go(time, place, turn, 0.0 if exact else self._stretch / self._rate)
-        self._moved |= set() if body is None else {body}
+        course.go(time, position, quaternion, 0.0 if exact else self._stretch / self._rate)
+        self._moved_bodies |= set() if body is None else {body}
 
-    def follow(self, body: int, times: Array, places: Array, turns: Array) -> int:
+    def follow(self, body: int, times: Array, positions: Array, quaternions: Array) -> int:
         """Let a body take poses at times, s (K,); return how many were too far away, and drawn in.
 
         The lines of sound are no longer than `FARTHEST`.
         """
-        apart = places - self.position
-        near = np.minimum(1.0, FARTHEST / np.maximum(np.linalg.norm(apart, axis=1), 1e-9))
-        self._courses[body].add(times, self.position + apart * near[:, None], turns)
-        self._moved.add(body)
-        return int(np.count_nonzero(near < 1))
+        offsets = positions - self.position
+        factors = np.minimum(1.0, MAX_DISTANCE / np.maximum(np.linalg.norm(offsets, axis=1), 1e-9))
+        self._courses[body].add(times, self.position + offsets * factors[:, None], quaternions)
+        self._moved_bodies.add(body)
+        return int(np.count_nonzero(factors < 1))
 
     def _place_bodies(self) -> None:
         """Let the emitters, which `propagation` asks, be where the courses are by now."""
-        for body in self._moved:
-            carried = self._courses[body].carried(self._centres[body])
-            self._emitters[body] = replace(self._emitters[body], centre=carried)
-        self._moved.clear()
+        for body in self._moved_bodies:
+            centre = self._courses[body].carried(self._centres[body])
+            self._emitters[body] = replace(self._emitters[body], centre=centre)
+        self._moved_bodies.clear()
 
     def _require_possible(self, place: Array) -> None:
         for number, emitter in enumerate(self._emitters):
@@ -270,10 +287,10 @@ class LiveEars:
                     f"the listener is {rounded(distance, 3)} m from the centre of body {number}, "
                     "inside its surface: move it away"
                 )
-            if distance > FARTHEST:
+            if distance > MAX_DISTANCE:
                 raise OptionError(
                     f"the listener is {rounded(distance, 4)} m from body {number}: at most "
-                    f"{FARTHEST:g} m while it is played"
+                    f"{MAX_DISTANCE:g} m while it is played"
                 )
 
     def outputs(self, body: int, toward: Callable[[Array], Complex]) -> Complex:
@@ -282,42 +299,42 @@ class LiveEars:
         They are told `toward` the places where it is heard once a stretch, and go there evenly. Who
         comes where nothing is known of the field hears it as before.
         """
-        since = self._since % self._stretch
-        if not since:
-            self._told[body] = self._telling(body, toward)
-        share, told = (since + self._block) / self._stretch, self._told[body]
-        return told.before + share * (told.after - told.before)
+        stretch_position = self._stretch_samples % self._stretch
+        if not stretch_position:
+            self._field_gains[body] = self._compute_gains(body, toward)
+        fraction, gains = (stretch_position + self._block) / self._stretch, self._field_gains[body]
+        return gains.before + fraction * (gains.after - gains.before)
 
     def distances(self, body: int) -> Array:
         """Return how far from its centre a body is heard by now (points,), m; 1 without a field."""
         if body not in self.fields:
             return np.ones(1)
         self._place_bodies()
-        places = self.propagation.heard_at(body, self._sent / self._rate)
+        places = self.propagation.heard_at(body, self._sample_count / self._rate)
         return np.linalg.norm(places - self._centres[body], axis=1)
 
-    def _telling(self, body: int, toward: Callable[[Array], Complex]) -> _Told:
+    def _compute_gains(self, body: int, toward: Callable[[Array], Complex]) -> _FieldGains:
         self._place_bodies()
-        places = self.propagation.heard_at(body, (self._sent + self._stretch) / self._rate)
-        last = self._told.get(body)
+        places = self.propagation.heard_at(body, (self._sample_count + self._stretch) / self._rate)
+        last = self._field_gains.get(body)
         if last and last.toward == toward and np.array_equal(last.places, places):
             return last._replace(before=last.after)
         try:
-            after = toward(places)
+            end_gains = toward(places)
         except ContactError:
             if last is None:
                 raise
-            after = last.after
-        return _Told(last.after if last else after, after, places, toward)
+            end_gains = last.after
+        return _FieldGains(last.after if last else end_gains, end_gains, places, toward)
 
     def write(self, record: Record) -> None:
         """Write delays, gains and responses of the next block into its record."""
-        self._sent += self._block
-        record.stretch[NEW_WAYS] = self._since == self._stretch
-        if self._since == self._stretch:
+        self._sample_count += self._block
+        record.stretch[NEW_WAYS] = self._stretch_samples == self._stretch
+        if self._stretch_samples == self._stretch:
             self._place_bodies()
-            paths, self._since = self.propagation.go_on(), 0
+            paths, self._stretch_samples = self.propagation.go_on(), 0
             record.ways[0], record.ways[1] = paths.delays, paths.gains
             record.responses[:, : paths.after.shape[1]] = paths.after
-        record.stretch[SINCE] = self._since
-        self._since += self._block
+        record.stretch[SINCE] = self._stretch_samples
+        self._stretch_samples += self._block

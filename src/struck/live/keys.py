@@ -22,8 +22,8 @@ from struck.model.contact import Place
 from struck.model.model import ModalModel
 
 QUIT, DEFAULT = "q", " "
-_SPEEDS = 0.05, 0.5  # of a robot's striker, m/s
-_LATEST = 0.1  # s: a robot's strikes that are due for longer are not made up for
+_STRIKER_SPEEDS = 0.05, 0.5  # of a robot's striker, m/s
+_MAX_DELAY = 0.1  # s: a robot's strikes that are due for longer are not made up for
 _NUMBERS = "1234567890"
 _LETTERS = "".join(letter for letter in string.ascii_lowercase if letter != QUIT)
 
@@ -107,7 +107,7 @@ def terminal_keys() -> Iterator[Keys]:
     No key comes from the null device, or where nothing is connected.
     """
     if sys.stdin is None or not sys.stdin.isatty():
-        number = _piped()
+        number = _find_pipe()
         yield NoKeys() if number is None else PipedKeys(number)
     elif sys.platform == "win32":
         yield _Console()
@@ -116,7 +116,7 @@ def terminal_keys() -> Iterator[Keys]:
             yield keys
 
 
-def _piped() -> int | None:
+def _find_pipe() -> int | None:
     """Return the number of the standard input where it is a pipe, a socket or a file."""
     try:
         number = sys.stdin.fileno()
@@ -160,12 +160,12 @@ else:
         import tty
 
         number = sys.stdin.fileno()
-        before = termios.tcgetattr(number)
+        settings = termios.tcgetattr(number)
         tty.setcbreak(number, termios.TCSADRAIN)  # keeps keys typed earlier
         try:
             yield _Terminal()
         finally:
-            termios.tcsetattr(number, termios.TCSADRAIN, before)
+            termios.tcsetattr(number, termios.TCSADRAIN, settings)
 
 
 class Robot:
@@ -188,43 +188,43 @@ class Robot:
         self.strikes = 0
         for number in range(scrapes):
             self._scrape(models, number % len(models))
-        self._due = time.monotonic() + self._pause
+        self._next_time = time.monotonic() + self._pause
 
     def go_on(self) -> None:
         """Strike as often as the robot's clock says."""
         now = time.monotonic()
-        self._due = max(self._due, now - _LATEST)
-        while self._due <= now:
+        self._next_time = max(self._next_time, now - _MAX_DELAY)
+        while self._next_time <= now:
             self._strike()
-            self._due += self._pause
+            self._next_time += self._pause
 
     def _strike(self) -> None:
         body = int(self._random.integers(len(self._places)))
         places = self._places[body]
         at: Place = places[int(self._random.integers(len(places)))]
-        speed = float(self._random.uniform(*_SPEEDS))
+        speed = float(self._random.uniform(*_STRIKER_SPEEDS))
         self._player.strike(at=at, striker="wood", speed=speed, body=body)
         self.strikes += 1
 
     def _scrape(self, models: Sequence[ModalModel], body: int) -> None:
-        ends = _far_apart(models[body])
+        ends = _find_ends(models[body])
         if ends:
             scrape = Scrape(path=ends, speed=0.2, load=2.0, repeat="back")
             self._player.start(scrape, body=body)
 
 
-def _far_apart(model: ModalModel) -> list[str] | list[Array]:
+def _find_ends(model: ModalModel) -> list[str] | list[Array]:
     """Return both ends of a scrape along a body; none of a body whose metres are unknown."""
     mesh, bounds = model.geometry, model.gains.bounds
     if mesh is not None and not model.recorded:
-        far = np.argmax(np.linalg.norm(mesh.points - mesh.points[0], axis=1))
-        return ["vertex:0", f"vertex:{far}"]
+        far_vertex = np.argmax(np.linalg.norm(mesh.points - mesh.points[0], axis=1))
+        return ["vertex:0", f"vertex:{far_vertex}"]
     if model.chart is None or bounds is None:
         return []
     return [np.where(np.isfinite(end), end, 0.0) for end in bounds]
 
 
-def repeated(models: Sequence[ModalModel], modes: int) -> list[ModalModel]:
+def repeat_models(models: Sequence[ModalModel], modes: int) -> list[ModalModel]:
     """Return the models again and again, until they have this many modes in all."""
     bodies, count = list(models), sum(len(model.frequencies) for model in models)
     while count < modes:
@@ -234,22 +234,22 @@ def repeated(models: Sequence[ModalModel], modes: int) -> list[ModalModel]:
 
 
 @contextlib.contextmanager
-def busy_thread(*, wanted: bool = True) -> Iterator[None]:
+def busy_thread(*, is_busy: bool = True) -> Iterator[None]:
     """Run a thread that computes in pure Python: the worst neighbour of a feeder."""
-    done = threading.Event()
+    stop_event = threading.Event()
 
     def compute() -> None:
         number = 0
-        while not done.is_set():
+        while not stop_event.is_set():
             for _ in range(100_000):
                 number = (number * 1_103_515_245 + 12_345) % 2_147_483_648
 
     thread = threading.Thread(target=compute, name="struck busy", daemon=True)
-    if wanted:
+    if is_busy:
         thread.start()
     try:
         yield
     finally:
-        done.set()
-        if wanted:
+        stop_event.set()
+        if is_busy:
             thread.join()

@@ -36,8 +36,8 @@ OLDEST, NEWEST = 14, 15  # of the queue, both only grow
 REPLACED, LEAST_GAIN = 16, 17  # for whoever watches
 _HEAD = 18
 
-_EXACT = 53  # bits of a whole number that float64 holds
-_NEARLY_OPEN = 1e-9  # the release ends here: -180 dB below a gain of 1
+_EXACT_BITS = 53  # bits of a whole number that float64 holds
+_OPEN_TOLERANCE = 1e-9  # the release ends here: -180 dB below a gain of 1
 
 
 def limiter(
@@ -53,21 +53,21 @@ def limiter(
     """Return the state of a limiter at rest whose output is closed, for `limit` to change."""
     _check(sample_rate, channels, ceiling, look_ahead, hold, release, fade)
     delay = max(1, round(look_ahead * sample_rate))
-    held = delay + 1 + round(hold * sample_rate)
-    first = (delay + 2) // 2
-    second = delay + 2 - first
-    state = np.zeros(_HEAD + first + second + 2 * held + channels * delay)
-    unit = 2.0 ** math.floor(_EXACT - math.log2(first * second))
+    hold_length = delay + 1 + round(hold * sample_rate)
+    first_length = (delay + 2) // 2
+    second_length = delay + 2 - first_length
+    state = np.zeros(_HEAD + first_length + second_length + 2 * hold_length + channels * delay)
+    unit = 2.0 ** math.floor(_EXACT_BITS - math.log2(first_length * second_length))
     state[[CEILING, RELEASE, FADE_STEP]] = (
         rounded_down(ceiling),
         -math.expm1(-1 / (release * sample_rate)),
         1 / max(1, round(fade * sample_rate)),
     )
-    state[CHANNELS : UNIT + 1] = channels, delay, held, first, second, unit
-    state[_HEAD : _HEAD + first] = unit
-    state[_HEAD + first : _HEAD + first + second] = unit * first
+    state[CHANNELS : UNIT + 1] = channels, delay, hold_length, first_length, second_length, unit
+    state[_HEAD : _HEAD + first_length] = unit
+    state[_HEAD + first_length : _HEAD + first_length + second_length] = unit * first_length
     state[[RELEASED, LEAST_GAIN]] = 1
-    state[[FIRST_SUM, SECOND_SUM]] = unit * first, unit * first * second
+    state[[FIRST_SUM, SECOND_SUM]] = unit * first_length, unit * first_length * second_length
     return state
 
 
@@ -81,8 +81,8 @@ def _check(sample_rate: float, channels: int, *amounts: float) -> None:
     if channels < 1:
         raise OptionError(f"a limiter of {channels} channels: give at least 1")
     ceiling, look_ahead, hold, release, fade = amounts
-    positive = (sample_rate, ceiling, look_ahead, release, fade)
-    if not (all(0 < amount < math.inf for amount in positive) and 0 <= hold < math.inf):
+    positive_amounts = (sample_rate, ceiling, look_ahead, release, fade)
+    if not (all(0 < amount < math.inf for amount in positive_amounts) and 0 <= hold < math.inf):
         raise OptionError(
             f"sample_rate {sample_rate} Hz, ceiling {ceiling}, look_ahead {look_ahead} s, hold "
             f"{hold} s, release {release} s, fade {fade} s: give finite numbers above 0 (hold may "
@@ -97,11 +97,11 @@ def limit(state: Array, samples: Array, opened: bool) -> None:  # noqa: FBT001 -
     """
     if len(samples) != state[CHANNELS]:
         raise OptionError(f"{len(samples)} channels for a limiter of {int(state[CHANNELS])}")
-    compiled = entry("limiter_limit")
-    if compiled is None:
+    compiled_loop = entry("limiter_limit")
+    if compiled_loop is None:
         limit_plainly(state, samples, opened)
     else:
-        compiled(state, state.size, samples, *samples.shape, opened)
+        compiled_loop(state, state.size, samples, *samples.shape, opened)
 
 
 def is_closed(state: Array) -> bool:
@@ -113,15 +113,15 @@ def limit_plainly(state: Array, samples: Array, opened: bool) -> None:  # noqa: 
     """Limit samples as `limit` does, without the core."""
     state[LEAST_GAIN] = 1.0
     for sample in range(samples.shape[1]):
-        peak = _loudest(state, samples, sample)
-        wanted = _held(state, state[CEILING] / peak if peak > state[CEILING] else 1.0)
-        gain = _smoothed(state, _released(state, wanted))
+        peak = _find_peak(state, samples, sample)
+        held_gain = _hold_gain(state, state[CEILING] / peak if peak > state[CEILING] else 1.0)
+        gain = _smooth_gain(state, _release_gain(state, held_gain))
         state[LEAST_GAIN] = min(state[LEAST_GAIN], gain)
         _play(state, samples, sample, gain, _fade(state, opened))
         state[TIME] += 1
 
 
-def _loudest(state: Array, samples: Array, sample: int) -> float:
+def _find_peak(state: Array, samples: Array, sample: int) -> float:
     peak = 0.0
     for channel in range(samples.shape[0]):
         if not np.isfinite(samples[channel, sample]):
@@ -131,40 +131,40 @@ def _loudest(state: Array, samples: Array, sample: int) -> float:
     return peak
 
 
-def _held(state: Array, wanted: float) -> float:
+def _hold_gain(state: Array, gain: float) -> float:
     """Return the least gain wanted of late; the queue holds times and gains that both rise."""
     size = int(state[HELD])
     first = _HEAD + int(state[FIRST_LENGTH]) + int(state[SECOND_LENGTH])
     times, gains = state[first : first + size], state[first + size : first + 2 * size]
-    oldest, newest = int(state[OLDEST]), int(state[NEWEST])
-    if newest > oldest and times[oldest % size] <= state[TIME] - size:
-        oldest += 1
-    while newest > oldest and gains[(newest - 1) % size] >= wanted:
-        newest -= 1
-    times[newest % size] = state[TIME]
-    gains[newest % size] = wanted
-    state[OLDEST], state[NEWEST] = oldest, newest + 1
-    return gains[oldest % size]
+    first_entry, end_entry = int(state[OLDEST]), int(state[NEWEST])
+    if end_entry > first_entry and times[first_entry % size] <= state[TIME] - size:
+        first_entry += 1
+    while end_entry > first_entry and gains[(end_entry - 1) % size] >= gain:
+        end_entry -= 1
+    times[end_entry % size] = state[TIME]
+    gains[end_entry % size] = gain
+    state[OLDEST], state[NEWEST] = first_entry, end_entry + 1
+    return gains[first_entry % size]
 
 
-def _released(state: Array, wanted: float) -> float:
-    gain = state[RELEASED] + state[RELEASE] * (wanted - state[RELEASED])
-    state[RELEASED] = wanted if wanted - gain < _NEARLY_OPEN else gain
+def _release_gain(state: Array, target: float) -> float:
+    gain = state[RELEASED] + state[RELEASE] * (target - state[RELEASED])
+    state[RELEASED] = target if target - gain < _OPEN_TOLERANCE else gain
     return state[RELEASED]
 
 
-def _smoothed(state: Array, gain: float) -> float:
+def _smooth_gain(state: Array, gain: float) -> float:
     """Return the mean of the means of the last gains."""
-    first, second = int(state[FIRST_LENGTH]), int(state[SECOND_LENGTH])
+    first_length, second_length = int(state[FIRST_LENGTH]), int(state[SECOND_LENGTH])
     time = int(state[TIME])
-    whole = math.floor(gain * state[UNIT])
-    place = _HEAD + time % first
-    state[FIRST_SUM] += whole - state[place]
-    state[place] = whole
-    place = _HEAD + first + time % second
+    units = math.floor(gain * state[UNIT])
+    place = _HEAD + time % first_length
+    state[FIRST_SUM] += units - state[place]
+    state[place] = units
+    place = _HEAD + first_length + time % second_length
     state[SECOND_SUM] += state[FIRST_SUM] - state[place]
     state[place] = state[FIRST_SUM]
-    return state[SECOND_SUM] / (first * second * state[UNIT])
+    return state[SECOND_SUM] / (first_length * second_length * state[UNIT])
 
 
 def _fade(state: Array, opened: bool) -> float:  # noqa: FBT001
@@ -182,7 +182,7 @@ def _play(state: Array, samples: Array, sample: int, gain: float, fade: float) -
     first = state.size - samples.shape[0] * delay + int(state[TIME]) % delay
     for channel in range(samples.shape[0]):
         place = first + channel * delay
-        late = state[place]
+        delayed_sample = state[place]
         state[place] = samples[channel, sample]
-        bounded = min(state[CEILING], max(-state[CEILING], late * gain))
-        samples[channel, sample] = bounded * fade
+        limited_sample = min(state[CEILING], max(-state[CEILING], delayed_sample * gain))
+        samples[channel, sample] = limited_sample * fade

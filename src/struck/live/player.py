@@ -39,10 +39,10 @@ if TYPE_CHECKING:
     from struck.scene.engines.mujoco import Control
     from struck.scene.engines.simulation import Simulation
 
-_VOICES, _AHEAD = 16, 2  # unless given; and of scenes, which are planned ahead anyway
-_SCENE_VOICES, _SCENE_AHEAD = 128, 8
-QUIETEST, LOUDEST = -120.0, 60.0  # bounds of the volume, dB
-_STALLED = 2.0  # s without a new block: the device is gone
+_VOICES, _BLOCKS_AHEAD = 16, 2  # unless given; and of scenes, which are planned ahead anyway
+_SCENE_VOICES, _SCENE_BLOCKS_AHEAD = 128, 8
+MIN_VOLUME, MAX_VOLUME = -120.0, 60.0  # bounds of the volume, dB
+_STALL_SECONDS = 2.0  # s without a new block: the device is gone
 _SWITCH_INTERVAL = 0.00005  # s
 
 
@@ -70,21 +70,23 @@ class Player:
         ahead: int | None = None,
         lost: Sequence[str] = (),  # of modes beyond a budget
     ) -> None:
-        self._lost = lost
+        self._mode_notes = lost
         scene = models if isinstance(models, Scene) else None
         bodies = _sounding(models)
         _require_volume(volume)
         rate = outlet.sample_rate
-        usual = (_SCENE_VOICES, _SCENE_AHEAD) if scene else (_VOICES, _AHEAD)
+        defaults = (_SCENE_VOICES, _SCENE_BLOCKS_AHEAD) if scene else (_VOICES, _BLOCKS_AHEAD)
         voices, ahead = (
-            least if given is None else given
-            for given, least in zip((voices, ahead), usual, strict=True)
+            default if option is None else option
+            for option, default in zip((voices, ahead), defaults, strict=True)
         )
-        self._outlet, self._block, self._ahead = outlet, block, ahead
-        beside = Mono() if scene else default_listener([each.sounding for each in bodies.values()])
+        self._outlet, self._block, self._blocks_ahead = outlet, block, ahead
+        fallback_listener = (
+            Mono() if scene else default_listener([body.sounding for body in bodies.values()])
+        )
         self._host = Host(
             bodies,
-            listener=beside if listener is None else listening(listener),
+            listener=fallback_listener if listener is None else listening(listener),
             sample_rate=rate,
             block=block,
             volume=volume,
@@ -93,10 +95,10 @@ class Player:
         )
         self._stream = scene and ContactStream(scene=scene, host=self._host, sample_rate=rate)
         self._run: SimulationRun | None = None
-        self._limited = limiter.limiter(sample_rate=rate, channels=outlet.channels)
+        self._limiter_state = limiter.limiter(sample_rate=rate, channels=outlet.channels)
         self._shared = callback.Shared(
             records=self._host.records,
-            limited=self._limited,
+            limited=self._limiter_state,
             arena=self._host.arena,
             channels=outlet.channels,
             block=block,
@@ -114,7 +116,7 @@ class Player:
         *,
         body: int | str = 0,
         moment: float | None = None,
-        **given: Any,  # noqa: ANN401 - of `Strike`
+        **options: Any,  # noqa: ANN401 - of `Strike`
     ) -> None:
         """Strike a body.
 
@@ -138,12 +140,12 @@ class Player:
         ContactError, OptionError
             On a strike that is not possible.
         """
-        if strike is not None and given:
-            raise OptionError(f"a Strike and {', '.join(given)}: give one or the other")
+        if strike is not None and options:
+            raise OptionError(f"a Strike and {', '.join(options)}: give one or the other")
         self._require_playing()
         if not self._host.queue.have_room():
             return
-        blow = Strike(**given) if strike is None else strike
+        blow = Strike(**options) if strike is None else strike
         if blow.transient and moment is None:
             self.start(blow, body=body)
         else:
@@ -168,8 +170,8 @@ class Player:
         """
         self._require_playing()
         if not callable(getattr(excitation, "begin", None)):
-            told = "start takes a Strike, Scrape, Roll, Pluck or ForceTrack; dampen() holds a place"
-            raise ArgumentError(f"excitation is {excitation!r}: {told}")
+            hint = "start takes a Strike, Scrape, Roll, Pluck or ForceTrack; dampen() holds a place"
+            raise ArgumentError(f"excitation is {excitation!r}: {hint}")
         return self._host.start(self._host.number(body), excitation)
 
     @checked
@@ -214,7 +216,7 @@ class Player:
         self._require_playing()
         number, contact = self._host.number(body), self._host.body(body).contact(at, direction)
         touching, _ = self._host.touching(number, finger, tool)
-        self._host.touch(number, finger, touching.word(contact, force, velocity), moment)
+        self._host.touch(number, finger, touching.make_update(contact, force, velocity), moment)
 
     @checked
     def touch_log_of(self, *, body: int | str = 0, finger: int = 0) -> TouchLog:
@@ -395,7 +397,7 @@ class Player:
         """Whether the player is heard: not once it was stopped or the device went."""
         if self._stopped or not self._feeder.running or not self._outlet.active:
             return False
-        return self._host.queue.idle < _STALLED
+        return self._host.queue.idle < _STALL_SECONDS
 
     @property
     def sample_rate(self) -> float:
@@ -430,8 +432,10 @@ class Player:
     @property
     def latency(self) -> float:
         """From a call to the air at most, s: waiting blocks, look-ahead of the limiter, device."""
-        ahead = ((self._ahead + 1) * self._block + self._limited[limiter.DELAY]) / self.sample_rate
-        return ahead + self._outlet.latency
+        wait_seconds = (
+            (self._blocks_ahead + 1) * self._block + self._limiter_state[limiter.DELAY]
+        ) / self.sample_rate
+        return wait_seconds + self._outlet.latency
 
     @property
     def load(self) -> float:
@@ -457,7 +461,7 @@ class Player:
     def notes(self) -> tuple[str, ...]:
         """Warnings about modes left out, silent bodies and recorded ones, as in a sound's notes."""
         scene = () if self._stream is None else self._stream.scene.notes
-        return (*self._lost, *scene, *self._host.unknowns)
+        return (*self._mode_notes, *scene, *self._host.unknowns)
 
     @property
     def peak(self) -> float:
@@ -466,13 +470,13 @@ class Player:
 
     def _require_playing(self) -> None:
         if not self.active:
-            raise _gone(self._outlet.name, self._feeder.failure)
+            raise _make_device_error(self._outlet.name, self._feeder.failure)
         self._host.error.raise_again()
 
 
 def _require_volume(decibels: float) -> None:
-    wanted = f"it must lie from {QUIETEST:g} to {LOUDEST:g} dB"
-    require_number("volume", decibels, QUIETEST, LOUDEST, hint=wanted)
+    hint = f"it must lie from {MIN_VOLUME:g} to {MAX_VOLUME:g} dB"
+    require_number("volume", decibels, MIN_VOLUME, MAX_VOLUME, hint=hint)
 
 
 def _sounding(models: Sequence[ModalModel] | Scene) -> dict[str, Body]:
@@ -483,11 +487,13 @@ def _sounding(models: Sequence[ModalModel] | Scene) -> dict[str, Body]:
         return {str(number): Body(model=model) for number, model in enumerate(models)}
     bodies = {name: body for name, body in models.bodies.items() if not body.silent}
     if not bodies:
-        why = "; ".join(models.notes) or "all of its bodies are silent"
-        raise OptionError(f"there is nothing to play: {why}")
-    acted = [name for name, body in bodies.items() if body.actions]
-    if acted:
-        raise OptionError(f"{acted[0]!r} brings excitations: give them to player.start instead")
+        reason = "; ".join(models.notes) or "all of its bodies are silent"
+        raise OptionError(f"there is nothing to play: {reason}")
+    excited_names = [name for name, body in bodies.items() if body.actions]
+    if excited_names:
+        raise OptionError(
+            f"{excited_names[0]!r} brings excitations: give them to player.start instead"
+        )
     return bodies
 
 
@@ -502,13 +508,13 @@ def play(
 ) -> Player:
     """Return a running player on an audio device; see `struck.play`."""
     simulation: Any = model if hasattr(model, "started") else None
-    models, lost = with_fewer_modes(simulation.scene if simulation else model, modes)
+    models, mode_notes = with_fewer_modes(simulation.scene if simulation else model, modes)
     outlet = Outlet(device, sample_rate)
     try:
         player = Player(
             [models] if isinstance(models, ModalModel) else models,
             outlet=outlet,
-            lost=lost,
+            lost=mode_notes,
             **options,
         )
         if simulation is not None:
@@ -525,20 +531,20 @@ class _Haste:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._feeders, self._usual = 0, 0.0
+        self._feeders, self._default_interval = 0, 0.0
 
     def begin(self) -> None:
         with self._lock:
             if not self._feeders:
-                self._usual = sys.getswitchinterval()
-                sys.setswitchinterval(min(_SWITCH_INTERVAL, self._usual))
+                self._default_interval = sys.getswitchinterval()
+                sys.setswitchinterval(min(_SWITCH_INTERVAL, self._default_interval))
             self._feeders += 1
 
     def end(self) -> None:
         with self._lock:
             self._feeders -= 1
             if not self._feeders:
-                sys.setswitchinterval(self._usual)
+                sys.setswitchinterval(self._default_interval)
 
 
 _HASTE = _Haste()  # one for the interpreter, as is the interval
@@ -596,14 +602,14 @@ class Feeder:
 
     def _run(self) -> None:
         hurry(2)  # before a simulation
-        looked = time.perf_counter()
+        last_time = time.perf_counter()
         try:
             while not self._stopping:
                 self._top_up()
                 time.sleep(self._nap)
-                now = time.perf_counter()
-                self.longest = max(self.longest, now - looked)
-                looked = now
+                loop_time = time.perf_counter()
+                self.longest = max(self.longest, loop_time - last_time)
+                last_time = loop_time
         except Exception as failure:  # noqa: BLE001 - `stop` raises it in the caller's thread
             self.failure = failure
 
@@ -616,12 +622,12 @@ class Feeder:
             self._records.publish()
 
 
-def _gone(name: str, failure: Exception | None) -> DeviceError:
+def _make_device_error(name: str, failure: Exception | None) -> DeviceError:
     """Return the error of a device that has gone, or of a feeder whose failure is its cause."""
     if failure is None:
-        why = "it was stopped or unplugged, or its sound server ended; play anew, on another"
-        return DeviceError(f"{name} no longer plays: {why} device with device=; {TO_FILE}")
-    why = f"what fills its blocks failed with {failure!r}; play anew; {TO_FILE}"
-    error = DeviceError(f"{name} no longer plays: {why}")
+        reason = "it was stopped or unplugged, or its sound server ended; play anew, on another"
+        return DeviceError(f"{name} no longer plays: {reason} device with device=; {TO_FILE}")
+    reason = f"what fills its blocks failed with {failure!r}; play anew; {TO_FILE}"
+    error = DeviceError(f"{name} no longer plays: {reason}")
     error.__cause__ = failure
     return error

@@ -15,12 +15,15 @@ from struck.live.device import TO_FILE, PortAudio, keep
 from struck.model.arrays import Index, Single, checked
 from struck.recordings.capture import CapturedTake
 
-SETTLING = 0.3  # s of a take that are left out while the device settles
+SETTLING_SECONDS = 0.3  # s of a take that are left out while the device settles
 _BLOCK = 256
-_LONGEST = 600.0  # s
-_PATIENCE, _LOOK = 3.0, 0.005  # s: how late a device may be, and between two looks at it
+_MAX_SECONDS = 600.0  # s
+_PATIENCE_SECONDS, _POLL_SECONDS = (
+    3.0,
+    0.005,
+)  # s: how late a device may be, and between two looks at it
 # Numbers of `recorder.c`: address of the samples, frames wanted and done, channels, blocks lost.
-_TO, _WANTED, _DONE, _CHANNELS, _LOST = range(5)
+_ADDRESS, _FRAME_COUNT, _FRAMES_DONE, _CHANNELS, _LOST_BLOCKS = range(5)
 
 
 @checked
@@ -52,8 +55,10 @@ def microphone(
     MissingDependencyError
         Without PortAudio.
     """
-    if not 0 < seconds <= _LONGEST:
-        raise OptionError(f"seconds is {seconds}: it must lie above 0 and at most at {_LONGEST:g}")
+    if not 0 < seconds <= _MAX_SECONDS:
+        raise OptionError(
+            f"seconds is {seconds}: it must lie above 0 and at most at {_MAX_SECONDS:g}"
+        )
     with DeviceRecorder(device, sample_rate=sample_rate) as recorder:
         samples, _ = recorder.frames(seconds, f"look whether it still records; {TO_FILE}")
     return Sound(samples=samples.T, sample_rate=round(recorder.sample_rate))
@@ -105,20 +110,22 @@ class DeviceRecorder:
     ) -> Sound:
         """Record a `take` of some seconds; call `cue` once `lead_in` seconds of it are recorded."""
         del take
-        skipped = round(SETTLING * self.sample_rate)
-        samples, lost = self.frames(
+        skipped_frames = round(SETTLING_SECONDS * self.sample_rate)
+        samples, lost_count = self.frames(
             seconds,
             "look whether it is still connected; what is recorded stays, so start again to go on",
-            skipped=skipped,
-            first=skipped + round(lead_in * self.sample_rate),
+            skipped=skipped_frames,
+            first=skipped_frames + round(lead_in * self.sample_rate),
             cue=cue,
         )
         note = (
-            f"the device lost samples {lost} times: close other programs, or record fewer "
+            f"the device lost samples {lost_count} times: close other programs, or record fewer "
             "channels or at a lower rate"
         )
         return Sound(
-            samples=samples.T, sample_rate=round(self.sample_rate), notes=(note,) if lost else ()
+            samples=samples.T,
+            sample_rate=round(self.sample_rate),
+            notes=(note,) if lost_count else (),
         )
 
     def frames(
@@ -156,15 +163,15 @@ class DeviceRecorder:
         finally:
             if not stream.close():
                 keep((table, samples))
-        return samples[skipped:], int(table[_LOST])
+        return samples[skipped:], int(table[_LOST_BLOCKS])
 
     def _wait(self, table: Index, frames: int, way_out: str) -> None:
-        left = frames - int(table[_DONE])
-        give_up = time.monotonic() + left / self.sample_rate + _PATIENCE
-        while table[_DONE] < frames:
+        left = frames - int(table[_FRAMES_DONE])
+        give_up = time.monotonic() + left / self.sample_rate + _PATIENCE_SECONDS
+        while table[_FRAMES_DONE] < frames:
             if time.monotonic() > give_up:
                 raise DeviceError(
-                    f"{self.device.name} gave {table[_DONE]} of {table[_WANTED]} samples and then "
-                    f"no more: {way_out}"
+                    f"{self.device.name} gave {table[_FRAMES_DONE]} of {table[_FRAME_COUNT]} "
+                    f"samples and then no more: {way_out}"
                 )
-            time.sleep(_LOOK)
+            time.sleep(_POLL_SECONDS)

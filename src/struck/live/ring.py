@@ -88,16 +88,16 @@ class Layout:
     def reals(self) -> int:
         """Number of reals in a record."""
         each_voice = 1 + self.block + self.width
-        heard = self.paths * (2 * 3 + self.taps)
-        each_mode, beside = 2 * self.points + 2, self.bodies * self.points * self.block
-        return 1 + self.voices * each_voice + beside + each_mode * self.modes + heard
+        ears_size = self.paths * (2 * 3 + self.taps)
+        each_mode, beside_size = 2 * self.points + 2, self.bodies * self.points * self.block
+        return 1 + self.voices * each_voice + beside_size + each_mode * self.modes + ears_size
 
     def record(self, integers: Index, reals: Array) -> Record:
         """Return the parts of the record that a slot holds."""
         voices, bodies, points, block = self.voices, self.bodies, self.points, self.block
         a = 1 + voices
-        beside = a + voices * block
-        b = beside + bodies * points * block
+        beside_start = a + voices * block
+        b = beside_start + bodies * points * block
         c = b + voices * self.width
         d = c + 2 * points * self.modes
         e = d + 2 * self.modes
@@ -108,7 +108,7 @@ class Layout:
             part(reals, 0, (1,)),
             part(reals, 1, (voices,)),
             part(reals, a, (voices, block)),
-            part(reals, beside, (bodies, points, block)),
+            part(reals, beside_start, (bodies, points, block)),
             part(reals, b, (voices, self.width)),
             part(reals, c, (2, points, self.modes)),
             part(reals, d, (2, self.modes)),

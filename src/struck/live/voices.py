@@ -14,10 +14,10 @@ from struck.excitation.touch import Touching
 from struck.live.ring import BEGIN, MOVED, OF_BODY, ON, SILENT, STATE, Record
 from struck.model.arrays import Array, Complex
 from struck.model.model import ModalModel
-from struck.synth.poles import STRONGEST
+from struck.synth.poles import MAX_FORCE
 
-MOST_BLOWS = 256  # strikes at one place that may be under way
-_FADE = 5e-3  # s
+MAX_BLOWS = 256  # strikes at one place that may be under way
+_FADE_SECONDS = 5e-3  # s
 
 
 class Blows:
@@ -25,12 +25,12 @@ class Blows:
 
     def __init__(self, drive: Array, *, start: int, ideal: bool = False) -> None:
         self.drive, self.ideal = drive, ideal  # ideal: without duration
-        self._now = start
+        self._next_sample = start
         self._blows: list[Samples] = []
 
     def add(self, blow: Samples) -> bool:
         """Take one more; False where there are too many already."""
-        if len(self._blows) >= MOST_BLOWS:
+        if len(self._blows) >= MAX_BLOWS:
             return False
         self._blows.append(blow)
         return True
@@ -38,9 +38,11 @@ class Blows:
     def advance(self, length: int) -> Push | None:
         """Return the push of the next `length` samples, None where there is no force in them."""
         force = np.zeros(length)
-        parts = [_add(blow, force, self._now) for blow in self._blows]
-        self._now += length
-        self._blows = [blow for blow in self._blows if blow.first + len(blow.force) > self._now]
+        parts = [_add(blow, force, self._next_sample) for blow in self._blows]
+        self._next_sample += length
+        self._blows = [
+            blow for blow in self._blows if blow.first + len(blow.force) > self._next_sample
+        ]
         return Push(force=force, drive=self.drive) if any(parts) else None
 
     @property
@@ -49,11 +51,13 @@ class Blows:
         return not self._blows
 
 
-def _add(blow: Samples, force: Array, now: int) -> bool:
+def _add(blow: Samples, force: Array, block_start: int) -> bool:
     """Add the part of a blow that falls in a block; return whether there is any."""
-    begin = max(blow.first - now, 0)
-    part = blow.force[max(now - blow.first, 0) : max(now + len(force) - blow.first, 0)]
-    force[begin : begin + len(part)] += part
+    first = max(blow.first - block_start, 0)
+    part = blow.force[
+        max(block_start - blow.first, 0) : max(block_start + len(force) - blow.first, 0)
+    ]
+    force[first : first + len(part)] += part
     return len(part) > 0
 
 
@@ -62,13 +66,13 @@ class Started:
 
     def __init__(self, pushing: Pushing, sample_rate: float, *, ideal: bool = False) -> None:
         self._pushing, self.ideal = pushing, ideal  # a blow without duration
-        self._fade = max(1, round(_FADE * sample_rate))
+        self._fade_samples = max(1, round(_FADE_SECONDS * sample_rate))
         self._left: int | None = None
 
     def stop(self) -> None:
         """Let go; more than once does no harm."""
         if self._left is None:
-            self._left = self._fade
+            self._left = self._fade_samples
 
     def end(self) -> None:
         """End the excitation at once, because it found no voice or could not go on."""
@@ -93,7 +97,7 @@ class Started:
         self._left = max(0, left - length)
         if push is None:
             return None
-        shares = np.clip((left - np.arange(1, length + 1)) / self._fade, 0.0, 1.0)
+        shares = np.clip((left - np.arange(1, length + 1)) / self._fade_samples, 0.0, 1.0)
         return Push(force=push.force * np.square(np.sin(np.pi / 2 * shares)), drive=push.drive)
 
 
@@ -176,12 +180,12 @@ class Voices:
             if voice is None:
                 continue
             try:
-                done = _write(voice, number, record, steady)
+                is_free = _write(voice, number, record, steady)
             except Exception as failure:  # noqa: BLE001 - of functions that were given, say
                 record.voices[number] = SILENT
                 self._give_up(number, failure)
                 continue
-            if done:
+            if is_free:
                 self._release(number)
 
     def _give_up(self, number: int, failure: Exception) -> None:
@@ -205,21 +209,21 @@ def _write(voice: _Voice, number: int, record: Record, steady: Mapping[int, Comp
         _require_sound(push, voice.drive, record.drives.shape[1])
         _put(push, voice, number, record)
         if getattr(voice.pushing, "ideal", False):
-            answers = steady[voice.body][:, : len(push.drive)] @ push.drive
-            record.beside[voice.body, : len(answers)] += np.outer(answers.imag, push.force)
+            gains = steady[voice.body][:, : len(push.drive)] @ push.drive
+            record.beside[voice.body, : len(gains)] += np.outer(gains.imag, push.force)
     voice.drive = None if push is None else push.drive
-    rests = push is None and isinstance(voice.pushing, Touching) and voice.pushing.at_rest
-    return rests or voice.pushing.finished
+    is_resting = push is None and isinstance(voice.pushing, Touching) and voice.pushing.at_rest
+    return is_resting or voice.pushing.finished
 
 
 def _put(push: Push, voice: _Voice, number: int, record: Record) -> None:
-    moved = push.drive is not voice.drive
+    is_moved = push.drive is not voice.drive
     record.voices[number, STATE] = BEGIN if voice.drive is None else ON
     record.voices[number, OF_BODY] = voice.body
-    record.voices[number, MOVED] = moved
+    record.voices[number, MOVED] = is_moved
     record.forces[number] = push.force
     record.loads[number] = voice.pushing.load if isinstance(voice.pushing, Touching) else 0.0
-    if moved:
+    if is_moved:
         record.drives[number, : len(push.drive)] = push.drive
         record.drives[number, len(push.drive) :] = 0.0
 
@@ -227,10 +231,10 @@ def _put(push: Push, voice: _Voice, number: int, record: Record) -> None:
 def _require_sound(push: Push, last: Array | None, width: int) -> None:
     """Raise an OptionError on a push that would spoil the modes' state for good."""
     force = push.force
-    if not np.abs(force).max() <= STRONGEST:  # NaN neither
+    if not np.abs(force).max() <= MAX_FORCE:  # NaN neither
         raise OptionError(
             f"an excitation was stopped: its force reached {rounded(np.abs(force).max())} N, and "
-            f"must be finite and at most {rounded(STRONGEST)} N"
+            f"must be finite and at most {rounded(MAX_FORCE)} N"
         )
     if push.drive is not last and not (len(push.drive) <= width and np.isfinite(push.drive).all()):
         raise OptionError(

@@ -12,8 +12,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-_VARIABLE = "PYTHONSAFEPATH"  # of the environment, with the effect of -P
-_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+_VARIABLE_NAME = "PYTHONSAFEPATH"  # of the environment, with the effect of -P
+_SINGLE_THREAD_SETTINGS = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
+)
 
 
 def python_command(*arguments: str) -> list[str]:
@@ -29,18 +31,18 @@ def python_environment() -> dict[str, str]:
     modules = os.pathsep.join(
         folder for folder in dict.fromkeys(folders) if os.pathsep not in folder
     )
-    return {**os.environ, **_ONE_THREAD, "PYTHONPATH": modules}
+    return {**os.environ, **_SINGLE_THREAD_SETTINGS, "PYTHONPATH": modules}
 
 
 @contextmanager
 def safe_children() -> Iterator[None]:
     """Start no Python within a block that imports from the current folder, in libraries too."""
-    previous = os.environ.get(_VARIABLE)
-    os.environ[_VARIABLE] = "1"
+    previous = os.environ.get(_VARIABLE_NAME)
+    os.environ[_VARIABLE_NAME] = "1"
     try:
         yield
     finally:
         if previous is None:
-            del os.environ[_VARIABLE]
+            del os.environ[_VARIABLE_NAME]
         else:
-            os.environ[_VARIABLE] = previous
+            os.environ[_VARIABLE_NAME] = previous

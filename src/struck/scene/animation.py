@@ -29,7 +29,7 @@ COLOURS: dict[str, tuple[float, float, float]] = {  # by group of material
     "plastic": (0.83, 0.36, 0.30),
     "other": (0.60, 0.62, 0.66),
 }
-_FLOAT = 5126
+_FLOAT_TYPE = 5126
 _VERTICES = 34962
 _Z_UP = [-(0.5**0.5), 0.0, 0.0, 0.5**0.5]  # (x, y, z, w): z of the scene to y of glTF
 
@@ -60,12 +60,14 @@ def save_animation(
     """
     require_number("seconds", seconds, 0.0, 3600.0, above=True, hint="it must exceed 0")
     require_number("frames_per_second", frames_per_second, 1.0, 1000.0, hint="give 1 to 1000")
-    shown = {name: body for name, body in scene.bodies.items() if body.model.geometry is not None}
-    if not shown:
+    visible_bodies = {
+        name: body for name, body in scene.bodies.items() if body.model.geometry is not None
+    }
+    if not visible_bodies:
         raise OptionError("no body of the scene has a surface: there is nothing to show")
     times = np.arange(int(np.floor(seconds * frames_per_second)) + 1) / frames_per_second
     document = _Document()
-    for name, body in shown.items():
+    for name, body in visible_bodies.items():
         document.add_body(name, body, times)
     write_bytes(path, document.bytes())
 
@@ -109,15 +111,15 @@ class _Document:
         """Add a body's surface, and its motion where it moves."""
         nodes = self._json["nodes"]
         number = len(nodes)
-        places, turns = course_of(body, times if body.moves else times[:1])
+        positions, rotations = course_of(body, times if body.moves else times[:1])
         node = {"name": name, "mesh": self._mesh(body)}
-        node["translation"] = places[0].tolist()
-        node["rotation"] = _quaternions(turns[:1])[0].tolist()
+        node["translation"] = positions[0].tolist()
+        node["rotation"] = _compute_quaternions(rotations[:1])[0].tolist()
         nodes.append(node)
         nodes[0]["children"].append(number)
         if body.moves:
-            self._animate(number, "translation", places, times)
-            self._animate(number, "rotation", _quaternions(turns), times)
+            self._animate(number, "translation", positions, times)
+            self._animate(number, "rotation", _compute_quaternions(rotations), times)
 
     def bytes(self) -> bytes:
         """Content of the glTF file."""
@@ -127,11 +129,11 @@ class _Document:
         document["buffers"] = [{"byteLength": len(self._binary)}]
         text = json.dumps(document, separators=(",", ":")).encode()
         text += b" " * (-len(text) % 4)
-        binary = bytes(self._binary)
-        length = 12 + 8 + len(text) + 8 + len(binary)
+        payload = bytes(self._binary)
+        length = 12 + 8 + len(text) + 8 + len(payload)
         head = b"glTF" + (2).to_bytes(4, "little") + length.to_bytes(4, "little")
         first = len(text).to_bytes(4, "little") + b"JSON" + text
-        return head + first + len(binary).to_bytes(4, "little") + b"BIN\0" + binary
+        return head + first + len(payload).to_bytes(4, "little") + b"BIN\0" + payload
 
     def _mesh(self, body: Body) -> int:
         """Return the number of a body's surface in the file; equal surfaces are stored once."""
@@ -151,12 +153,12 @@ class _Document:
         return self._meshes[key]
 
     def _material(self, group: str) -> int:
-        names = [each["name"] for each in self._json["materials"]]
+        names = [entry["name"] for entry in self._json["materials"]]
         if group not in names:
-            metallic = 0.8 if group == "metal" else 0.0
+            metalness = 0.8 if group == "metal" else 0.0
             shade = {
                 "baseColorFactor": [*COLOURS[group], 1.0],
-                "metallicFactor": metallic,
+                "metallicFactor": metalness,
                 "roughnessFactor": 0.5,
             }
             self._json["materials"].append(
@@ -165,15 +167,15 @@ class _Document:
             names.append(group)
         return names.index(group)
 
-    def _animate(self, node: int, what: str, values: Array, times: Array) -> None:
+    def _animate(self, node: int, path: str, values: Array, times: Array) -> None:
         if self._clock is None:
             self._clock = self._accessor(times.astype("<f4"), "SCALAR", None, bounds=True)
-        kind = "VEC3" if what == "translation" else "VEC4"
+        kind = "VEC3" if path == "translation" else "VEC4"
         animation = self._json["animations"][0]
         output = self._accessor(values.astype("<f4"), kind, None)
         sampler = {"input": self._clock, "output": output, "interpolation": "LINEAR"}
         animation["samplers"].append(sampler)
-        channel = {"node": node, "path": what}
+        channel = {"node": node, "path": path}
         animation["channels"].append({"sampler": len(animation["samplers"]) - 1, "target": channel})
 
     def _accessor(
@@ -190,7 +192,7 @@ class _Document:
         self._json["bufferViews"].append(view)
         accessor: dict[str, Any] = {
             "bufferView": len(self._json["bufferViews"]) - 1,
-            "componentType": _FLOAT,
+            "componentType": _FLOAT_TYPE,
             "count": len(values),
             "type": kind,
         }
@@ -202,8 +204,11 @@ class _Document:
         return len(self._json["accessors"]) - 1
 
 
-def _quaternions(turns: Array) -> Array:
+def _compute_quaternions(rotations: Array) -> Array:
     """Return rotations as (x, y, z, w), each on the side of the one before (T, 4)."""
-    found = Rotation.from_matrix(turns).as_quat()
-    flips = np.cumsum(np.append(False, np.einsum("td,td->t", found[1:], found[:-1]) < 0)) % 2
-    return np.where(flips[:, None] == 1, -found, found)
+    quaternions = Rotation.from_matrix(rotations).as_quat()
+    flip_parity = (
+        np.cumsum(np.append(False, np.einsum("td,td->t", quaternions[1:], quaternions[:-1]) < 0))
+        % 2
+    )
+    return np.where(flip_parity[:, None] == 1, -quaternions, quaternions)

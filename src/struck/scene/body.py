@@ -21,7 +21,7 @@ from struck.model.gains import ShapeGains
 from struck.model.material import Material
 from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
-from struck.scene.gathered_notes import gathered
+from struck.scene.gathered_notes import gather_notes
 
 if TYPE_CHECKING:
     from struck.excitation.roughness import Finish
@@ -230,11 +230,11 @@ class Scene:
     logged: float | None = None
 
     def __post_init__(self) -> None:
-        wrong = [name for name, body in self.bodies.items() if not isinstance(body, Body)]
-        if wrong or not self.bodies:
-            kinds = [article(type(self.bodies[name]).__name__) for name in wrong]
-            told = f"{wrong[0]!r} is {kinds[0]}" if wrong else "none"
-            raise OptionError(f"bodies: {told}: give each name a Body(model=...)")
+        invalid_names = [name for name, body in self.bodies.items() if not isinstance(body, Body)]
+        if invalid_names or not self.bodies:
+            kinds = [article(type(self.bodies[name]).__name__) for name in invalid_names]
+            problem = f"{invalid_names[0]!r} is {kinds[0]}" if invalid_names else "none"
+            raise OptionError(f"bodies: {problem}: give each name a Body(model=...)")
         gravity = np.array(self.gravity, np.float64)
         require_numbers("gravity", gravity, (3,))
         object.__setattr__(self, "bodies", MappingProxyType(dict(self.bodies)))
@@ -250,56 +250,60 @@ class Scene:
         OptionError
             On names in the log that the scene does not have.
         """
-        unknown = [name for name in contacts.names if name not in self.bodies]
-        if unknown:
+        unknown_names = [name for name in contacts.names if name not in self.bodies]
+        if unknown_names:
             raise OptionError(
-                f"the log names {', '.join(map(repr, unknown[:5]))}, and the scene has "
+                f"the log names {', '.join(map(repr, unknown_names[:5]))}, and the scene has "
                 f"{', '.join(map(repr, self.bodies))}: give the scene a Body for each; "
                 "Body(model=RigidBody()) is silent"
             )
         if contacts.poses is None:
             return self
-        moved = dict(self.bodies)
+        bodies = dict(self.bodies)
         for number, name in enumerate(contacts.names):
             times, positions, rotations = contacts.poses.of(number)
             if len(times):
-                moved[name] = replace(
-                    moved[name], position=(times, positions), rotation=(times, rotations)
+                bodies[name] = replace(
+                    bodies[name], position=(times, positions), rotation=(times, rotations)
                 )
-        return replace(self, bodies=moved)
+        return replace(self, bodies=bodies)
 
 
 def with_fewer_modes(
-    given: Any,  # noqa: ANN401 - a model, a body, several of them or a scene, returned as its kind
+    source: Any,  # noqa: ANN401 - a model, a body, several of them or a scene, returned as its kind
     modes: int | None,
 ) -> tuple[Any, tuple[str, ...]]:
     """Return models, bodies or a scene within a budget of modes each, and notes of the loss."""
     if modes is None:
-        return given, ()
+        return source, ()
     from struck.perception.audibility import budgeted
 
-    made: dict[int, ModalModel] = {}
+    reduced_by_id: dict[int, ModalModel] = {}
     losses: list[tuple[str, str]] = []
 
-    def fewer(each: Any, name: str) -> Any:  # noqa: ANN401 - models, bodies, or what is refused
-        if isinstance(each, Body):
-            return replace(each, model=fewer(each.model, name))
-        if not isinstance(each, ModalModel):
-            return each
-        if id(each) not in made:  # bodies may share a model
-            made[id(each)] = budgeted(each, modes)
-        less = made[id(each)]
-        losses.extend((name, loss) for loss in less.provenance.dropped[-1:] if less is not each)
-        return less
+    def reduce_modes(item: Any, name: str) -> Any:  # noqa: ANN401 - models, bodies, or what is refused
+        if isinstance(item, Body):
+            return replace(item, model=reduce_modes(item.model, name))
+        if not isinstance(item, ModalModel):
+            return item
+        if id(item) not in reduced_by_id:  # bodies may share a model
+            reduced_by_id[id(item)] = budgeted(item, modes)
+        reduced_model = reduced_by_id[id(item)]
+        losses.extend(
+            (name, loss)
+            for loss in reduced_model.provenance.dropped[-1:]
+            if reduced_model is not item
+        )
+        return reduced_model
 
-    if isinstance(given, Scene):
-        named = {name: fewer(body, name) for name, body in given.bodies.items()}
-        return replace(given, bodies=named), gathered(losses)
-    if isinstance(given, Sequence):
-        bodies = [fewer(body, f"body {n}") for n, body in enumerate(given)]
-        notes = gathered(losses) if len(bodies) > 1 else tuple(loss for _, loss in losses)
+    if isinstance(source, Scene):
+        reduced_bodies = {name: reduce_modes(body, name) for name, body in source.bodies.items()}
+        return replace(source, bodies=reduced_bodies), gather_notes(losses)
+    if isinstance(source, Sequence):
+        bodies = [reduce_modes(body, f"body {n}") for n, body in enumerate(source)]
+        notes = gather_notes(losses) if len(bodies) > 1 else tuple(loss for _, loss in losses)
         return bodies, notes
-    return fewer(given, ""), tuple(loss for _, loss in losses)
+    return reduce_modes(source, ""), tuple(loss for _, loss in losses)
 
 
 def material_of(model: ModalModel | RigidBody) -> Material | None:
@@ -320,11 +324,11 @@ def radius_of(model: ModalModel | RigidBody) -> float:
     return float(np.linalg.norm(model.geometry.points - centre_of(model), axis=1).max())
 
 
-def away_from(model: ModalModel, places: Array) -> Array:
+def away_from(model: ModalModel, positions: Array) -> Array:
     """Return how far places (K, 3) are from a model's centre, as `ShapeGains.toward` has it, m."""
-    distances = np.linalg.norm(places - centre_of(model), axis=1)
-    nearest = 0.0 if model.geometry is None else min(model.geometry.reach, radius_of(model))
-    return np.maximum(distances, nearest)
+    distances = np.linalg.norm(positions - centre_of(model), axis=1)
+    min_distance = 0.0 if model.geometry is None else min(model.geometry.reach, radius_of(model))
+    return np.maximum(distances, min_distance)
 
 
 def place_beside(model: ModalModel) -> Array:
@@ -340,41 +344,45 @@ def unknowns(model: ModalModel, kinds: Iterable[type]) -> tuple[str, ...]:
     from struck.excitation.strike import Strike
     from struck.excitation.touch import TouchLog
 
-    done = set(kinds)
-    moving = bool(done & {Scrape, Roll, TouchLog})
+    excitation_kinds = set(kinds)
+    moving = bool(excitation_kinds & {Scrape, Roll, TouchLog})
     notes = {
         "its gains hold the blow that was recorded: forces in N sound as if that had been 1 N s, "
-        "and its spectrum stays in; fit it with blow= to divide it out": bool(done - {Strike, Hold})
+        "and its spectrum stays in; fit it with blow= to divide it out": bool(
+            excitation_kinds - {Strike, Hold}
+        )
         and not (model.gains.of_surface or model.calibrated),
         "what it is made of was not recorded: all of the dent is in what touches it": moving
         and model.material is None,
         "it was recorded at one place: its timbre stays the same wherever it is touched": moving
         and not model.coordinates,
         "its modal masses were not recorded: a grip acts as on 1 kg where a mode moves most": Hold
-        in done,
+        in excitation_kinds,
     }
     return tuple(note for note, holds in notes.items() if holds)
 
 
 def unused_roughness(bodies: Sequence[Body]) -> tuple[str, ...]:
     """Return a note of roughness without use, as no log of contacts slides on the bodies."""
-    told = " of a Body changes nothing here: contacts of a Scene use it; give it to Scrape or Roll"
-    return tuple(f"roughness={body.roughness!r}{told}" for body in bodies if body.roughness)[:1]
+    text = " of a Body changes nothing here: contacts of a Scene use it; give it to Scrape or Roll"
+    return tuple(f"roughness={body.roughness!r}{text}" for body in bodies if body.roughness)[:1]
 
 
 def default_places(body: Body) -> tuple[str, ...]:
     """Return notes of the default place where excitations without a place touch a body."""
     model = body.model
-    bare = [action for action in body.actions if getattr(action, "at", "") is None]
-    if not bare or not isinstance(model, ModalModel):
+    unplaced_actions = [action for action in body.actions if getattr(action, "at", "") is None]
+    if not unplaced_actions or not isinstance(model, ModalModel):
         return ()
     contact = model.contact()
     if not contact.point.size:  # recorded at one place
         return ()
-    speaks = not (model.recorded or contact.name)
-    where = f"{contact.place}{', where its lowest modes speak most' if speaks else ''}"
-    verbs = dict.fromkeys(_VERBS.get(type(action).__name__, "touched") for action in bare)
-    return tuple(f"{verb} at {where}; no place was given" for verb in verbs)
+    is_unnamed = not (model.recorded or contact.name)
+    location = f"{contact.place}{', where its lowest modes speak most' if is_unnamed else ''}"
+    verbs = dict.fromkeys(
+        _VERBS.get(type(action).__name__, "touched") for action in unplaced_actions
+    )
+    return tuple(f"{verb} at {location}; no place was given" for verb in verbs)
 
 
 _VERBS = {"Strike": "struck", "Pluck": "plucked", "Hold": "held"}
@@ -385,30 +393,31 @@ def doubts(bodies: Sequence[Body], seconds: float | None) -> tuple[str, ...]:
     from struck.excitation.strike import Strike
 
     actions = [action for body in bodies for action in body.actions]
-    speeds = (each.speed for each in actions if isinstance(each, Strike))
-    fastest = max((speed or 0.0 for speed in speeds), default=0.0)
-    pushed = max(map(_pushed, bodies), default=0.0)
-    if pushed > _PLAUSIBLE_SPEED:
+    speeds = (action.speed for action in actions if isinstance(action, Strike))
+    max_speed = max((speed or 0.0 for speed in speeds), default=0.0)
+    max_velocity_change = max(map(_pushed, bodies), default=0.0)
+    if max_velocity_change > _PLAUSIBLE_SPEED:
         warnings.warn(
-            f"an impulse moves its body at {rounded(pushed, 3)} m/s, above {_PLAUSIBLE_SPEED:g} "
-            "m/s: impulses are given in N s, forces times the step dt",
+            f"an impulse moves its body at {rounded(max_velocity_change, 3)} m/s, above "
+            f"{_PLAUSIBLE_SPEED:g} m/s: impulses are given in N s, forces times the step dt",
             ScaleWarning,
             stacklevel=4,
         )
-    if fastest > _PLAUSIBLE_SPEED:
+    if max_speed > _PLAUSIBLE_SPEED:
         warnings.warn(
-            f"a striker's speed is {fastest:g} m/s: above {_PLAUSIBLE_SPEED:g} m/s nothing stays "
-            f"elastic, as Hertz's law of the blow has it; {fastest:g} cm/s is {fastest / 100:g}",
+            f"a striker's speed is {max_speed:g} m/s: above {_PLAUSIBLE_SPEED:g} m/s nothing stays "
+            f"elastic, as Hertz's law of the blow has it; {max_speed:g} cm/s is "
+            f"{max_speed / 100:g}",
             ScaleWarning,
             stacklevel=4,
         )
-    late = [each for each in actions if _is_late(each, seconds)]
-    kinds = " and ".join(sorted({type(each).__name__.lower() for each in late}))
+    late_actions = [action for action in actions if _is_late(action, seconds)]
+    kinds = " and ".join(sorted({type(action).__name__.lower() for action in late_actions}))
     note = (
-        f"{len(late)} of {len(actions)} excitations ({kinds}) begin after the end at {seconds} s "
-        "and are not heard: give more seconds, or times in s"
+        f"{len(late_actions)} of {len(actions)} excitations ({kinds}) begin after the end at "
+        f"{seconds} s and are not heard: give more seconds, or times in s"
     )
-    return (note,) if late else ()
+    return (note,) if late_actions else ()
 
 
 _LONGEST_BLOW = 0.1  # s; a fingertip at 0.01 m/s pushes for 0.02 s
@@ -421,23 +430,25 @@ def long_contacts(bodies: Sequence[Body], seconds: float | None) -> tuple[str, .
     notes = {}
     for body in bodies:
         kinds = {}
-        for each in body.actions:
-            if isinstance(each, Strike):
-                kinds[each.striker, each.speed, each.impulse, each.energy, each.duration] = each
+        for action in body.actions:
+            if isinstance(action, Strike):
+                kinds[
+                    action.striker, action.speed, action.impulse, action.energy, action.duration
+                ] = action
         for strike in kinds.values():
-            lasts = strike.duration
-            if lasts is None:
+            duration = strike.duration
+            if duration is None:
                 place = body.sounding.contact(strike.at, strike.direction)
-                lasts = strike.resolved(body.sounding, place).duration
-            if lasts <= _LONGEST_BLOW:
+                duration = strike.resolved(body.sounding, place).duration
+            if duration <= _LONGEST_BLOW:
                 continue
-            hint = f"did you mean seconds={lasts:g}, the length of the sound?"
+            hint = f"did you mean seconds={duration:g}, the length of the sound?"
             if strike.duration is None:
                 hint = "give a higher speed=, in m/s, or a lighter striker"
             elif seconds is not None:
-                hint = f"did you mean duration={lasts / 1000:g}, in s?"
-            pushes = f"a strike pushes for {rounded(lasts, 3)} s"
-            note = f"{pushes}, and blows last at most {_LONGEST_BLOW:g} s"
+                hint = f"did you mean duration={duration / 1000:g}, in s?"
+            clause = f"a strike pushes for {rounded(duration, 3)} s"
+            note = f"{clause}, and blows last at most {_LONGEST_BLOW:g} s"
             notes[f"{note}: {hint}"] = None
     return tuple(notes)
 
@@ -445,24 +456,24 @@ def long_contacts(bodies: Sequence[Body], seconds: float | None) -> tuple[str, .
 def _pushed(body: Body) -> float:
     """Return the largest change of a body's speed by one impulse, m/s."""
     mass = getattr(body.model, "mass", None)
-    impulses = [getattr(each, "impulse", None) or 0.0 for each in body.actions]
+    impulses = [getattr(action, "impulse", None) or 0.0 for action in body.actions]
     return max(impulses, default=0.0) / mass if mass else 0.0
 
 
 def _is_late(action: Action, seconds: float | None) -> bool:
-    begun = getattr(action, "times", getattr(action, "time", 0.0))  # of a `TouchLog` many
-    return seconds is not None and float(np.min(np.append(begun, np.inf))) >= seconds
+    start_times = getattr(action, "times", getattr(action, "time", 0.0))  # of a `TouchLog` many
+    return seconds is not None and float(np.min(np.append(start_times, np.inf))) >= seconds
 
 
 def without_late_holds(body: Body, seconds: float | None) -> Body:
     """Return the body without hands that come after the end, for which decays would be stepped."""
-    kept = [e for e in body.actions if not (isinstance(e, Hold) and _is_late(e, seconds))]
-    return body if len(kept) == len(body.actions) else replace(body, excitations=kept)
+    actions = [e for e in body.actions if not (isinstance(e, Hold) and _is_late(e, seconds))]
+    return body if len(actions) == len(body.actions) else replace(body, excitations=actions)
 
 
 def _require_actions(actions: Sequence[object]) -> None:
-    for each in actions:
-        if isinstance(each, type):
-            raise OptionError(f"{each.__name__} is a class: give {each.__name__}(...)")
-        if not (isinstance(each, Hold) or callable(getattr(each, "begin", None))):
-            raise OptionError(f"{each!r} is no excitation: give Strike(...) or several of them")
+    for action in actions:
+        if isinstance(action, type):
+            raise OptionError(f"{action.__name__} is a class: give {action.__name__}(...)")
+        if not (isinstance(action, Hold) or callable(getattr(action, "begin", None))):
+            raise OptionError(f"{action!r} is no excitation: give Strike(...) or several of them")

@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike
 from struck.errors import OptionError, counted, rounded
 from struck.model.arrays import AnyArray, Array, Index, Mask, checked, numbers
 
-_LONGEST_STEP = 1.0  # s, that one row may last
-_FARTHEST = 1e6  # m, m/s and N s: larger numbers are those of a simulation that exploded
-_LAST = 1e6  # s
+_MAX_STEP = 1.0  # s, that one row may last
+_MAX_MAGNITUDE = 1e6  # m, m/s and N s: larger numbers are those of a simulation that exploded
+_MAX_TIME = 1e6  # s
 
 
 @checked
@@ -57,19 +57,19 @@ class Poses:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        time = _column("time", self.time, None, _LAST)
-        body = _whole("body", self.body, len(time))
+        time = _column("time", self.time, None, _MAX_TIME)
+        body = _convert_integers("body", self.body, len(time))
         position = _column("position", self.position, (len(time), 3))
         rotation = _quaternions(self.rotation, len(time))
         order = np.lexsort((time, body))
-        same = (np.diff(body[order]) == 0) & (np.diff(time[order]) == 0)
-        order = order[~np.append(same, False)]
-        if same.any():
-            poses = counted(same.sum(), "pose")
+        is_duplicate = (np.diff(body[order]) == 0) & (np.diff(time[order]) == 0)
+        order = order[~np.append(is_duplicate, False)]
+        if is_duplicate.any():
+            poses = counted(is_duplicate.sum(), "pose")
             text = f"{poses} at the time of another of their body: the last counts"
             object.__setattr__(self, "notes", (*self.notes, text))
         for name, values in zip(_POSE, (time, body, position, rotation), strict=True):
-            _set(self, name, values[order])
+            _store_array(self, name, values[order])
 
     @classmethod
     def together(cls, time: ArrayLike, position: ArrayLike, rotation: ArrayLike) -> Poses:
@@ -87,18 +87,21 @@ class Poses:
         OptionError
             On arrays of other shapes.
         """
-        places, turns = numbers("position", position), numbers("rotation", rotation)
-        if places.ndim != 3 or turns.shape != (*places.shape[:2], 4):
+        position_array, rotation_array = (
+            numbers("position", position),
+            numbers("rotation", rotation),
+        )
+        if position_array.ndim != 3 or rotation_array.shape != (*position_array.shape[:2], 4):
             raise OptionError(
-                f"position has shape {places.shape} and rotation {turns.shape}: give (times, "
-                "bodies, 3) and (times, bodies, 4)"
+                f"position has shape {position_array.shape} and rotation {rotation_array.shape}: "
+                "give (times, bodies, 3) and (times, bodies, 4)"
             )
-        bodies = places.shape[1]
+        bodies = position_array.shape[1]
         return cls(
             time=np.repeat(numbers("time", time), bodies),
-            body=np.tile(np.arange(bodies), len(places)),
-            position=places.reshape(-1, 3),
-            rotation=turns.reshape(-1, 4),
+            body=np.tile(np.arange(bodies), len(position_array)),
+            position=position_array.reshape(-1, 3),
+            rotation=rotation_array.reshape(-1, 4),
         )
 
     def of(self, body: int) -> tuple[Array, Array, Array]:
@@ -164,13 +167,13 @@ class Contacts:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "names", _names(self.names))
-        time = _column("time", self.time, None, _LAST)
+        time = _column("time", self.time, None, _MAX_TIME)
         count = len(time)
         columns: dict[str, AnyArray] = {
             "time": time,
             "dt": _steps(self.dt, count),
-            "body0": _whole("body0", self.body0, count),
-            "body1": _whole("body1", self.body1, count),
+            "body0": _convert_integers("body0", self.body0, count),
+            "body1": _convert_integers("body1", self.body1, count),
             "position": _column("position", self.position, (count, 3)),
             "impulse": _column("impulse", self.impulse, (count, 3)),
         }
@@ -178,14 +181,14 @@ class Contacts:
         if self.velocity is not None:
             columns["velocity"] = _column("velocity", self.velocity, (count, 3))
         if self.id is not None:
-            columns["id"] = _whole("id", self.id, count)
+            columns["id"] = _convert_integers("id", self.id, count)
         self._require_pairs(columns["body0"], columns["body1"])
         self._require_poses()
-        kept, notes = _in_order(columns)
+        order, notes = _sort_rows(columns)
         for name, values in columns.items():
-            _set(self, name, values[kept])
-        own = () if self.poses is None else self.poses.notes
-        object.__setattr__(self, "notes", tuple(dict.fromkeys((*self.notes, *own, *notes))))
+            _store_array(self, name, values[order])
+        pose_notes = () if self.poses is None else self.poses.notes
+        object.__setattr__(self, "notes", tuple(dict.fromkeys((*self.notes, *pose_notes, *notes))))
 
     def __len__(self) -> int:
         return len(self.time)
@@ -193,50 +196,51 @@ class Contacts:
     @classmethod
     def of_motion(cls, names: Sequence[str], poses: Poses) -> Contacts:
         """Return a log without contacts, of bodies with `names` that move along `poses`."""
-        nothing, whole = np.zeros((0, 3)), np.zeros(0, np.int64)
+        no_vectors, no_numbers = np.zeros((0, 3)), np.zeros(0, np.int64)
         return cls(
             names=names,
             time=np.zeros(0),
-            body0=whole,
-            body1=whole,
-            position=nothing,
-            impulse=nothing,
+            body0=no_numbers,
+            body1=no_numbers,
+            position=no_vectors,
+            impulse=no_vectors,
             poses=poses,
         )
 
     def chosen(self, rows: Index | Mask) -> Contacts:
         """Return the contacts of some `rows`, numbers (R,) or a mask (K,), with all poses."""
-        some = {name: getattr(self, name) for name in _COLUMNS}
-        parts = {n: None if v is None else np.asarray(v)[rows] for n, v in some.items()}
+        columns = {name: getattr(self, name) for name in _COLUMNS}
+        parts = {n: None if v is None else np.asarray(v)[rows] for n, v in columns.items()}
         return replace(self, **parts)
 
     def _normals(self, impulses: Array) -> Array:
-        given = self.normal if len(self.normal) or not len(impulses) else impulses
-        given = _column("normal", given, impulses.shape)
-        lengths = np.linalg.norm(given, axis=1, keepdims=True)
+        normals = self.normal if len(self.normal) or not len(impulses) else impulses
+        normals = _column("normal", normals, impulses.shape)
+        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         # A point without load has no direction of its own; it pushes nothing.
-        return np.where(lengths > 0, given / np.maximum(lengths, 1e-300), (0.0, 0.0, 1.0))
+        return np.where(lengths > 0, normals / np.maximum(lengths, 1e-300), (0.0, 0.0, 1.0))
 
     def _require_pairs(self, body0: Index, body1: Index) -> None:
         for name, column in (("body0", body0), ("body1", body1)):
-            wrong = np.flatnonzero((column < 0) | (column >= len(self.names)))
-            if len(wrong):
+            invalid_rows = np.flatnonzero((column < 0) | (column >= len(self.names)))
+            if len(invalid_rows):
                 raise OptionError(
-                    f"{name} is {column[wrong[0]]} in row {wrong[0]} and {len(wrong) - 1} others: "
-                    f"there are {len(self.names)} names, counted from 0; name all bodies"
+                    f"{name} is {column[invalid_rows[0]]} in row {invalid_rows[0]} and "
+                    f"{len(invalid_rows) - 1} others: there are {len(self.names)} names, counted "
+                    "from 0; name all bodies"
                 )
-        same = np.flatnonzero(body0 == body1)
-        if len(same):
+        self_contacts = np.flatnonzero(body0 == body1)
+        if len(self_contacts):
             raise OptionError(
-                f"row {same[0]} and {len(same) - 1} others let {self.names[int(body0[same[0]])]!r} "
-                "touch itself: leave them out"
+                f"row {self_contacts[0]} and {len(self_contacts) - 1} others let "
+                f"{self.names[int(body0[self_contacts[0]])]!r} touch itself: leave them out"
             )
 
     def _require_poses(self) -> None:
-        most = -1 if self.poses is None else np.max(self.poses.body, initial=-1)
-        if most >= len(self.names):
+        max_body = -1 if self.poses is None else np.max(self.poses.body, initial=-1)
+        if max_body >= len(self.names):
             raise OptionError(
-                f"there are poses of body {most}, and {len(self.names)} names: name all bodies"
+                f"there are poses of body {max_body}, and {len(self.names)} names: name all bodies"
             )
 
 
@@ -244,54 +248,55 @@ _POSE = ("time", "body", "position", "rotation")
 _COLUMNS = ("time", "dt", "body0", "body1", "position", "normal", "impulse", "velocity", "id")
 
 
-def _in_order(columns: dict[str, AnyArray]) -> tuple[Index, tuple[str, ...]]:
+def _sort_rows(columns: dict[str, AnyArray]) -> tuple[Index, tuple[str, ...]]:
     """Return the indices of the rows to keep, in order of time, and notes about changes."""
     time, notes = columns["time"], []
     order = np.arange(len(time))
     if not len(time):
         return order, ()
-    back = int(np.count_nonzero(np.diff(time) < 0))
-    if back:
+    reversal_count = int(np.count_nonzero(np.diff(time) < 0))
+    if reversal_count:
         order = np.argsort(time, kind="stable")
-        notes.append(f"the log went {counted(back, 'step')} back in time: put in order")
+        notes.append(f"the log went {counted(reversal_count, 'step')} back in time: put in order")
     table = np.column_stack(
         [columns[n][order].reshape(len(time), int(np.prod(columns[n].shape[1:]))) for n in columns]
     )
-    same = np.zeros(len(time), np.bool_)
-    same[1:] = (table[1:] == table[:-1]).all(axis=1) & columns["impulse"][order][1:].any(axis=1)
-    if same.any():
-        notes.append(f"{counted(same.sum(), 'row')} of the log as the one before: left out")
-    return order[~same], tuple(notes)
+    is_duplicate = np.zeros(len(time), np.bool_)
+    is_duplicate[1:] = (table[1:] == table[:-1]).all(axis=1) & columns["impulse"][order][1:].any(
+        axis=1
+    )
+    if is_duplicate.any():
+        notes.append(f"{counted(is_duplicate.sum(), 'row')} of the log as the one before: left out")
+    return order[~is_duplicate], tuple(notes)
 
 
 def _names(names: Sequence[str]) -> tuple[str, ...]:
-    told = tuple(names)
-    twice = sorted({each for each in told if told.count(each) > 1})
-    if twice or not all(told):
-        raise OptionError(f"names are {told}: give each body a name of its own")
-    return told
+    body_names = tuple(names)
+    duplicates = sorted({name for name in body_names if body_names.count(name) > 1})
+    if duplicates or not all(body_names):
+        raise OptionError(f"names are {body_names}: give each body a name of its own")
+    return body_names
 
 
 def _column(
-    name: str, values: object, shape: tuple[int, ...] | None, most: float = _FARTHEST
+    name: str, values: object, shape: tuple[int, ...] | None, max_magnitude: float = _MAX_MAGNITUDE
 ) -> Array:
     """Return finite numbers of that shape, or (K,)."""
     column = np.array(numbers(name, values), np.float64)
     if column.ndim != 1 if shape is None else column.shape != shape:
         raise OptionError(f"{name} has shape {column.shape}: give {shape or 'one for each row'}")
-    wrong = ~(np.abs(column) <= most)
-    if wrong.any():
-        rows = np.flatnonzero(wrong.reshape(len(column), -1).any(axis=1))
+    is_invalid = ~(np.abs(column) <= max_magnitude)
+    if is_invalid.any():
+        rows = np.flatnonzero(is_invalid.reshape(len(column), -1).any(axis=1))
         first = ", ".join(map(rounded, column[rows[0]].flat))
         raise OptionError(
-            f"{name} is {first} in row {rows[0]}, and {len(rows) - 1} others are not "
-            f"finite or beyond {rounded(most)} either: leave those out, or end the simulation "
-            "before"
+            f"{name} is {first} in row {rows[0]}, and {len(rows) - 1} others are not finite or "
+            f"beyond {rounded(max_magnitude)} either: leave those out, or end the simulation before"
         )
     return column
 
 
-def _whole(name: str, values: object, count: int) -> Index:
+def _convert_integers(name: str, values: object, count: int) -> Index:
     column = _column(name, values, (count,), 2.0**53)
     if np.any(column % 1):
         raise OptionError(f"{name} is {column[column % 1 > 0][0]}: give whole numbers")
@@ -301,10 +306,11 @@ def _whole(name: str, values: object, count: int) -> Index:
 def _steps(values: Array, count: int) -> Array:
     steps = numbers("dt", values)
     steps = _column("dt", np.broadcast_to(steps, (count,)) if steps.ndim == 0 else steps, (count,))
-    wrong = np.flatnonzero((steps < 0) | (steps > _LONGEST_STEP))
-    if len(wrong):
+    invalid_rows = np.flatnonzero((steps < 0) | (steps > _MAX_STEP))
+    if len(invalid_rows):
         raise OptionError(
-            f"dt is {steps[wrong[0]]} s in row {wrong[0]}: it must lie from 0 to {_LONGEST_STEP:g}"
+            f"dt is {steps[invalid_rows[0]]} s in row {invalid_rows[0]}: it must lie from 0 to "
+            f"{_MAX_STEP:g}"
         )
     return steps
 
@@ -312,16 +318,16 @@ def _steps(values: Array, count: int) -> Array:
 def _quaternions(values: Array, count: int) -> Array:
     rotations = _column("rotation", values, (count, 4))
     lengths = np.linalg.norm(rotations, axis=1, keepdims=True)
-    wrong = np.flatnonzero(np.abs(lengths - 1) > 0.01)
-    if len(wrong):
+    invalid_rows = np.flatnonzero(np.abs(lengths - 1) > 0.01)
+    if len(invalid_rows):
         raise OptionError(
-            f"rotation is {rotations[wrong[0]]} in row {wrong[0]}, whose length is "
-            f"{rounded(lengths[wrong[0], 0], 4)}: give unit quaternions (w, x, y, z)"
+            f"rotation is {rotations[invalid_rows[0]]} in row {invalid_rows[0]}, whose length is "
+            f"{rounded(lengths[invalid_rows[0], 0], 4)}: give unit quaternions (w, x, y, z)"
         )
     return rotations / lengths
 
 
-def _set(holder: object, name: str, values: AnyArray) -> None:
+def _store_array(holder: object, name: str, values: AnyArray) -> None:
     array = np.ascontiguousarray(values)
     array.setflags(write=False)
     object.__setattr__(holder, name, array)

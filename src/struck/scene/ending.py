@@ -9,10 +9,10 @@ from struck.errors import OptionError, rounded
 from struck.model.arrays import require_number
 
 FADE = 0.01  # s, by default; below 20 ms a fade is heard as an end, not as a decay
-_DECAYED = 10 ** (-60 / 20)  # level of the end over the peak, below which a sound has decayed
-_LOOKED_AT = 0.005  # s at the end whose root mean square is its level
-_INAUDIBLE = 2.8e-4  # Pa, the peak of a tone of 20 dB SPL: softer than a quiet room
-_REFERENCE = 20e-6  # Pa, 0 dB SPL (ISO 1683)
+_DECAYED_RATIO = 10 ** (-60 / 20)  # level of the end over the peak, below which a sound has decayed
+_END_SECONDS = 0.005  # s at the end whose root mean square is its level
+_MIN_AUDIBLE_PEAK = 2.8e-4  # Pa, the peak of a tone of 20 dB SPL: softer than a quiet room
+_REFERENCE_PRESSURE = 20e-6  # Pa, 0 dB SPL (ISO 1683)
 
 
 def require_fade(fade: float | None, seconds: float | None) -> None:
@@ -30,9 +30,9 @@ def require_fade(fade: float | None, seconds: float | None) -> None:
 def is_cut_off(samples: NDArray[np.floating], sample_rate: int) -> bool:
     """Return whether samples (C, n) end less than 60 dB below their peak."""
     peak = float(np.abs(samples).max(initial=0.0))
-    end = samples[:, -max(1, round(_LOOKED_AT * sample_rate)) :]
+    end = samples[:, -max(1, round(_END_SECONDS * sample_rate)) :]
     levels = np.sqrt(np.square(end).mean(axis=1))
-    return peak > 0 and float(levels.max()) > _DECAYED * peak
+    return peak > 0 and float(levels.max()) > _DECAYED_RATIO * peak
 
 
 def faded(
@@ -49,19 +49,19 @@ def faded(
         return samples
     gains = np.cos(np.pi / 2 * np.arange(1, count + 1) / count) ** 4
     gains[-1] = 0.0
-    ended = samples.copy()
-    ended[:, length - count :] *= gains
-    return ended
+    result = samples.copy()
+    result[:, length - count :] *= gains
+    return result
 
 
 def level_note(samples: NDArray[np.floating]) -> tuple[str, ...]:
     """Return a note on the level of samples in Pa that are too soft to be heard; none of others."""
     peak = float(np.abs(samples).max(initial=0.0))
-    if peak >= _INAUDIBLE:
+    if peak >= _MIN_AUDIBLE_PEAK:
         return ()
     if not peak:
         return ("it is silent: every sample is 0",)
-    level = 20 * np.log10(peak / (np.sqrt(2) * _REFERENCE))
+    level = 20 * np.log10(peak / (np.sqrt(2) * _REFERENCE_PRESSURE))
     note = (
         f"it is too soft to be heard: its peak at the listener is {rounded(peak, 2)} Pa, that of a "
         f"tone of {level:.0f} dB SPL, and files saved at their peak level do not show that: strike "

@@ -28,18 +28,18 @@ from struck.model.mesh import barycentric
 from struck.model.model import ModalModel
 from struck.scene.body import Action, Body, Scene, centre_of, material_of
 from struck.scene.contacts import Contacts
-from struck.scene.impact_detection import Pair, Touches, pairs_of, touches_of
-from struck.scene.sustained_contact import SustainedContact, loaded
+from struck.scene.impact_detection import ImpactDetection, Pair, detect_impacts, pairs_of
+from struck.scene.sustained_contact import SustainedContact, find_sustained
 
 FORCES = ("events", "impulses2002", "gaussian2002", "noise2002")
-SLOWEST = 2e-3  # m/s: what changes the speed of two bodies by less is no blow
-_PATCH = 0.1  # of the smaller body's extent: points of a blow as near as that are one
+MIN_SPEED_CHANGE = 2e-3  # m/s: what changes the speed of two bodies by less is no blow
+_PATCH_RATIO = 0.1  # of the smaller body's extent: points of a blow as near as that are one
 _REBOUND = 1.5  # 1 + restitution, where nobody says how fast bodies came together
-_SHARPEST, _FLATTEST = 5e-4, 1.0  # m, the least and largest radius of curvature of two bodies
-_OFF = 0.1  # of a body's extent: contacts farther off its surface are counted
+_MIN_RADIUS, _MAX_RADIUS = 5e-4, 1.0  # m, the least and largest radius of curvature of two bodies
+_OFF_SURFACE_RATIO = 0.1  # of a body's extent: contacts farther off its surface are counted
 _NOISE = 1.0  # share of noise in the force, for the roughness of 2002
-_GAP = 0.05  # s, or three times the usual one: a longer gap between poses is told
-_FAINTEST = 1e-6  # of the largest impulse of a point: weaker ones are counted, not listed
+_MAX_POSE_GAP = 0.05  # s, or three times the usual one: a longer gap between poses is told
+_FAINT_RATIO = 1e-6  # of the largest impulse of a point: weaker ones are counted, not listed
 _TINY = 1e-300
 
 
@@ -51,7 +51,7 @@ class Impacts:
     first: Index  # (P,), body that gets the opposite impulse
     second: Index  # (P,)
     time: Array  # (P,), of the blow's middle, s
-    seen: Array  # (P,), when the bodies are so that the position holds, s
+    pose_time: Array  # (P,), when the bodies are so that the position holds, s
     position: Array  # (P, 3), in the scene, m
     impulse: Array  # (P, 3), on the second body, N s
     approach: Array  # (P,), how fast the bodies came together, m/s; NaN: nobody says
@@ -60,10 +60,10 @@ class Impacts:
         return len(self.time)
 
     @property
-    def faint(self) -> Mask:
+    def is_faint(self) -> Mask:
         """Which points have less than 1e-6 of the largest impulse (P,)."""
         sizes = np.linalg.norm(self.impulse, axis=1)
-        return sizes < _FAINTEST * np.max(sizes, initial=0.0)
+        return sizes < _FAINT_RATIO * np.max(sizes, initial=0.0)
 
     def chosen(self, rows: Index) -> Impacts:
         """Return the impacts at some of the contact points."""
@@ -120,9 +120,9 @@ class Events:
                 "impulse": self.impacts.impulse[k].tolist(),
                 "duration": float(durations[k]),
             }
-            for k in np.flatnonzero(~self.impacts.faint).tolist()
+            for k in np.flatnonzero(~self.impacts.is_faint).tolist()
         ]
-        rows += [each.row(names) for each in self.sustained]
+        rows += [contact.row(names) for contact in self.sustained]
         return sorted(rows, key=lambda row: float(str(row["time"])))
 
     @property
@@ -130,7 +130,7 @@ class Events:
         """Reason why these events make no sound; "" if they excite a body that has a model."""
         sounding = np.array([not self.scene.bodies[n].silent for n in self.contacts.names], bool)
         pairs = [*zip(self.impacts.first, self.impacts.second, strict=True)]
-        pairs += [(each.first, each.second) for each in self.sustained]
+        pairs += [(contact.first, contact.second) for contact in self.sustained]
         if any(sounding[first] or sounding[second] for first, second in pairs):
             return ""
         rows = counted(len(self.contacts), "row")
@@ -142,9 +142,9 @@ class Events:
                 "sound: give one a ModalModel, or a material in a simulation"
             )
         if not len(self.contacts):
-            infer = "; struck.scene.infer_contacts finds those of a motion"
-            known = self.contacts.poses is not None
-            return f"silence: the log has no contacts{infer if known else ''}"
+            suggestion = "; struck.scene.infer_contacts finds those of a motion"
+            has_poses = self.contacts.poses is not None
+            return f"silence: the log has no contacts{suggestion if has_poses else ''}"
         return (
             f"silence: no blow that counts in {rows} of contacts, and nothing slides or rolls: a "
             "load at rest makes no sound"
@@ -190,9 +190,9 @@ class Events:
             strikes, note = self._strikes(number, body, impacts, forces, seed)
             notes += note
             rubs = [
-                each.on(body.sounding, first=each.first == number, seed=seed + place)
-                for place, each in enumerate(lasting)
-                if number in {each.first, each.second}
+                contact.on(body.sounding, first=contact.first == number, seed=seed + place)
+                for place, contact in enumerate(lasting)
+                if number in {contact.first, contact.second}
             ]
             bodies[name] = replace(body, excitations=(*body.actions, *strikes, *rubs))
         if not any(body.pushed for body in bodies.values()):
@@ -211,25 +211,27 @@ class Events:
         mine = np.flatnonzero((impacts.first == number) | (impacts.second == number))
         if not len(mine):
             return (), ()
-        some = impacts.chosen(mine)
-        sign = np.where(some.second == number, 1.0, -1.0)[:, None]
-        points, pushes = seen_from(body, some.seen, some.position, sign * some.impulse)
-        points, note = onto_surface(self.contacts.names[number], body.sounding, points)
-        sizes = np.linalg.norm(pushes, axis=1)
+        body_impacts = impacts.chosen(mine)
+        sign = np.where(body_impacts.second == number, 1.0, -1.0)[:, None]
+        points, impulses = seen_from(
+            body, body_impacts.pose_time, body_impacts.position, sign * body_impacts.impulse
+        )
+        points, note = project_onto_surface(self.contacts.names[number], body.sounding, points)
+        sizes = np.linalg.norm(impulses, axis=1)
         durations = self.durations[mine] if forces == "events" else None
-        ways = [
+        strikes = [
             _strike(forces, None if durations is None else float(durations[k]), seed + int(mine[k]))
             for k in range(len(mine))
         ]
         return [
             replace(
-                way,
+                strike,
                 at=tuple(points[k]),
                 impulse=float(sizes[k]),
-                direction=tuple(pushes[k]),
-                time=max(0.0, float(some.time[k]) - (way.duration or 0.0) / 2),
+                direction=tuple(impulses[k]),
+                time=max(0.0, float(body_impacts.time[k]) - (strike.duration or 0.0) / 2),
             )
-            for k, way in enumerate(ways)
+            for k, strike in enumerate(strikes)
             if sizes[k] > 0
         ], note
 
@@ -253,34 +255,42 @@ def events_of(scene: Scene, contacts: Contacts) -> Events:
     OptionError
         On bodies that the scene does not have.
     """
-    posed = scene.posed(contacts)
-    blows, lasting, weak = [], [], 0
+    posed_scene = scene.posed(contacts)
+    blows, lasting, weak_count = [], [], 0
     strengths = np.linalg.norm(contacts.impulse, axis=1)
-    approach, stands, slip = _approach(contacts), _stands(posed, contacts), contacts.velocity
+    approach, is_still, velocities = (
+        _approach(contacts),
+        _find_still(posed_scene, contacts),
+        contacts.velocity,
+    )
     for pair in pairs_of(contacts):
         rows = pair.rows
         coming = None if approach is None else approach[rows]
-        touches = touches_of(contacts.time[rows], contacts.dt[rows], strengths[rows], coming)
-        bodies = tuple(posed.bodies[contacts.names[each]] for each in (pair.first, pair.second))
-        found, missed = _impacts(pair, touches, contacts, bodies)
-        blows.append(found)
-        weak += missed
-        settled = stands[[pair.first, pair.second]].all()
-        settled &= slip is not None and np.abs(slip[rows]).max() < SLOWEST
-        if not settled and not all(body.silent for body in bodies):
-            lasting += loaded(pair, touches, contacts, bodies)
-    notes = [*contacts.notes, *_unposed(contacts)]
-    if weak:
-        soft = counted(weak, "blow")
-        notes.append(f"{soft} left out: no speed changes by more than {1e3 * SLOWEST:g} mm/s")
-    impacts = Impacts.together(blows) if blows else _no_impacts()
-    if faint := np.count_nonzero(impacts.faint):
+        detection = detect_impacts(contacts.time[rows], contacts.dt[rows], strengths[rows], coming)
+        bodies = tuple(
+            posed_scene.bodies[contacts.names[number]] for number in (pair.first, pair.second)
+        )
+        pair_impacts, missed_count = _impacts(pair, detection, contacts, bodies)
+        blows.append(pair_impacts)
+        weak_count += missed_count
+        is_settled = is_still[[pair.first, pair.second]].all()
+        is_settled &= velocities is not None and np.abs(velocities[rows]).max() < MIN_SPEED_CHANGE
+        if not is_settled and not all(body.silent for body in bodies):
+            lasting += find_sustained(pair, detection, contacts, bodies)
+    notes = [*contacts.notes, *_note_pose_gaps(contacts)]
+    if weak_count:
+        weak_blows = counted(weak_count, "blow")
         notes.append(
-            f"{counted(faint, 'impact')} of less than {_FAINTEST:g} of the largest impulse left "
-            "out of the table of events"
+            f"{weak_blows} left out: no speed changes by more than {1e3 * MIN_SPEED_CHANGE:g} mm/s"
+        )
+    impacts = Impacts.together(blows) if blows else _empty_impacts()
+    if faint_count := np.count_nonzero(impacts.is_faint):
+        notes.append(
+            f"{counted(faint_count, 'impact')} of less than {_FAINT_RATIO:g} of the largest "
+            "impulse left out of the table of events"
         )
     return Events(
-        scene=posed,
+        scene=posed_scene,
         contacts=contacts,
         impacts=impacts,
         sustained=tuple(lasting),
@@ -292,43 +302,43 @@ def _end_of(contacts: Contacts) -> float:
     """Return when the last row of a log has ended, of contacts or poses, s; 0 at least."""
     ends = [np.asarray(contacts.time) + contacts.dt]
     ends += [] if contacts.poses is None else [contacts.poses.time]
-    return max(0.0, *(float(np.max(each, initial=0.0)) for each in ends))
+    return max(0.0, *(float(np.max(values, initial=0.0)) for values in ends))
 
 
-def _stands(scene: Scene, contacts: Contacts) -> Mask:
+def _find_still(scene: Scene, contacts: Contacts) -> Mask:
     """Return which bodies of a log (B,) neither move nor turn, as their poses say."""
-    stands, poses = np.zeros(len(contacts.names), np.bool_), contacts.poses
+    is_still, poses = np.zeros(len(contacts.names), np.bool_), contacts.poses
     if poses is not None and len(poses.time):
         bodies, firsts, counts = np.unique(poses.body, return_index=True, return_counts=True)
         rows = np.hstack([poses.position, poses.rotation, poses.time[:, None]])
         span = np.maximum.reduceat(rows, firsts) - np.minimum.reduceat(rows, firsts)
-        known = [scene.bodies[name] for name in np.array(contacts.names)[bodies].tolist()]
-        meshes = [body.model.geometry for body in known]
+        posed_bodies = [scene.bodies[name] for name in np.array(contacts.names)[bodies].tolist()]
+        meshes = [body.model.geometry for body in posed_bodies]
         sizes = np.array([1.0 if mesh is None else mesh.extent for mesh in meshes])
-        way = np.maximum(span[:, :3].max(axis=1), 2 * sizes * span[:, 3:7].max(axis=1))
-        told = (counts > 1) | np.array([body.fixed for body in known])
-        stands[bodies] = told & (way <= SLOWEST / 4 * span[:, 7])
-    return stands
+        displacement = np.maximum(span[:, :3].max(axis=1), 2 * sizes * span[:, 3:7].max(axis=1))
+        is_known = (counts > 1) | np.array([body.fixed for body in posed_bodies])
+        is_still[bodies] = is_known & (displacement <= MIN_SPEED_CHANGE / 4 * span[:, 7])
+    return is_still
 
 
-def _unposed(contacts: Contacts) -> Sequence[str]:
+def _note_pose_gaps(contacts: Contacts) -> Sequence[str]:
     """Return notes of contacts at times for which the log has no poses of their bodies."""
     notes, poses = [], contacts.poses
     for number, name in enumerate(contacts.names if poses is not None else ()):
         times = np.zeros(0) if poses is None else poses.of(number)[0]
-        mine = contacts.time[(contacts.body0 == number) | (contacts.body1 == number)]
-        if len(times) < 2 or not len(mine):
+        contact_times = contacts.time[(contacts.body0 == number) | (contacts.body1 == number)]
+        if len(times) < 2 or not len(contact_times):
             continue
-        gap = max(_GAP, 3 * float(np.median(np.diff(times))))
-        after = np.searchsorted(times, mine)
-        late = mine - times[np.maximum(after - 1, 0)]
-        early = times[np.minimum(after, len(times) - 1)] - mine
-        missed = int(np.count_nonzero(np.maximum(late, early) > gap))
-        if missed:
+        gap = max(_MAX_POSE_GAP, 3 * float(np.median(np.diff(times))))
+        next_rows = np.searchsorted(times, contact_times)
+        delays = contact_times - times[np.maximum(next_rows - 1, 0)]
+        leads = times[np.minimum(next_rows, len(times) - 1)] - contact_times
+        gap_count = int(np.count_nonzero(np.maximum(delays, leads) > gap))
+        if gap_count:
             notes.append(
-                f"{counted(missed, 'contact')} of {name!r} in gaps of over {rounded(1e3 * gap, 3)} "
-                "ms between its poses, where it moves evenly, or beyond them, where it stands "
-                "still"
+                f"{counted(gap_count, 'contact')} of {name!r} in gaps of over "
+                f"{rounded(1e3 * gap, 3)} ms between its poses, where it moves evenly, or beyond "
+                "them, where it stands still"
             )
     return notes
 
@@ -341,48 +351,48 @@ def _approach(contacts: Contacts) -> Array | None:
 
 
 def _impacts(
-    pair: Pair, touches: Touches, contacts: Contacts, bodies: Sequence[Body]
+    pair: Pair, detection: ImpactDetection, contacts: Contacts, bodies: Sequence[Body]
 ) -> tuple[Impacts, int]:
     """Return the blows of a pair, and how many were too weak to count."""
-    mine = np.flatnonzero(touches.blow >= 0)
-    if not len(mine):
-        return _no_impacts(), 0
-    rows, blow = pair.rows[mine], touches.blow[mine]
-    impulses = contacts.impulse[rows] * (pair.sign * touches.share)[mine, None]
+    blow_rows = np.flatnonzero(detection.blow >= 0)
+    if not len(blow_rows):
+        return _empty_impacts(), 0
+    rows, blow = pair.rows[blow_rows], detection.blow[blow_rows]
+    impulses = contacts.impulse[rows] * (pair.sign * detection.fraction)[blow_rows, None]
     weights = np.linalg.norm(impulses, axis=1)
-    middles = contacts.time[rows] + contacts.dt[rows] / 2
-    time = _means(blow, weights, middles[:, None])[:, 0]
-    seen = _means(blow, weights, contacts.time[rows][:, None])[:, 0]
+    mid_times = contacts.time[rows] + contacts.dt[rows] / 2
+    time = _means(blow, weights, mid_times[:, None])[:, 0]
+    pose_times = _means(blow, weights, contacts.time[rows][:, None])[:, 0]
     centre = _means(blow, weights, contacts.position[rows])
     approach = _approach(contacts)
-    fastest = np.full(len(time), np.nan)
+    approach_speeds = np.full(len(time), np.nan)
     if approach is not None:
-        fastest = np.zeros(len(time))
-        np.maximum.at(fastest, blow, approach[rows])
+        approach_speeds = np.zeros(len(time))
+        np.maximum.at(approach_speeds, blow, approach[rows])
     sums = _sums(blow, impulses)
-    mass = joint_masses(bodies, seen, centre, sums)
-    strong = np.bincount(blow, weights) >= SLOWEST * mass
+    mass = joint_masses(bodies, pose_times, centre, sums)
+    is_strong = np.bincount(blow, weights) >= MIN_SPEED_CHANGE * mass
     patch, point = _patches(blow, contacts.position[rows] - centre[blow], bodies)
     place = _means(point, weights, contacts.position[rows])
-    kept = strong[patch]
-    found = Impacts(
+    is_strong_patch = is_strong[patch]
+    impacts = Impacts(
         blow=patch,
         first=np.full(len(patch), pair.first),
         second=np.full(len(patch), pair.second),
         time=time[patch],
-        seen=seen[patch],
+        pose_time=pose_times[patch],
         position=place,
         impulse=_sums(point, impulses),
-        approach=fastest[patch],
+        approach=approach_speeds[patch],
     )
-    return found.chosen(np.flatnonzero(kept)), int(np.count_nonzero(~strong))
+    return impacts.chosen(np.flatnonzero(is_strong_patch)), int(np.count_nonzero(~is_strong))
 
 
-def _patches(blow: Index, apart: Array, bodies: Sequence[Body]) -> tuple[Index, Index]:
+def _patches(blow: Index, offsets: Array, bodies: Sequence[Body]) -> tuple[Index, Index]:
     """Return the blow of each patch of contact (P,), and the patch of each row (n,)."""
     extents = [b.model.geometry.extent for b in bodies if b.model.geometry is not None]
-    size = _PATCH * min(extents, default=1.0)
-    cells = np.round(np.clip(apart / size, -1e5, 1e5)).astype(np.int64)
+    size = _PATCH_RATIO * min(extents, default=1.0)
+    cells = np.round(np.clip(offsets / size, -1e5, 1e5)).astype(np.int64)
     keys = np.column_stack([blow, cells])
     patches, point = np.unique(keys, axis=0, return_inverse=True)
     return patches[:, 0], point.ravel()
@@ -405,11 +415,11 @@ def durations_of(events: Events) -> Array:
     impacts, durations = events.impacts, np.zeros(len(events.impacts))
     pairs = impacts.first * len(events.contacts.names) + impacts.second
     for key in np.unique(pairs):
-        mine = np.flatnonzero(pairs == key)
-        some = impacts.chosen(mine)
-        ends = int(some.first[0]), int(some.second[0])
-        names = [events.contacts.names[each] for each in ends]
-        durations[mine] = _hertz([events.scene.bodies[name] for name in names], some)
+        rows = np.flatnonzero(pairs == key)
+        pair_impacts = impacts.chosen(rows)
+        ends = int(pair_impacts.first[0]), int(pair_impacts.second[0])
+        names = [events.contacts.names[number] for number in ends]
+        durations[rows] = _hertz([events.scene.bodies[name] for name in names], pair_impacts)
     return durations
 
 
@@ -420,13 +430,15 @@ def _hertz(bodies: Sequence[Body], impacts: Impacts) -> Array:
     if not solids:
         return np.zeros(len(impacts))
     sizes = np.linalg.norm(impacts.impulse, axis=1)
-    mass = joint_masses(bodies, impacts.seen, impacts.position, impacts.impulse)
-    bulge = sum(_curvatures(body, impacts.seen, impacts.position) for body in bodies)
-    radius = 1 / np.clip(bulge, 1 / _FLATTEST, 1 / _SHARPEST)
-    least, most = sizes / (2 * mass), sizes / mass
-    told = np.isfinite(impacts.approach)
-    speed = np.where(told, np.clip(impacts.approach, least, most), sizes / (_REBOUND * mass))
-    speed = np.maximum(speed, SLOWEST / 2)
+    mass = joint_masses(bodies, impacts.pose_time, impacts.position, impacts.impulse)
+    bulge = sum(_curvatures(body, impacts.pose_time, impacts.position) for body in bodies)
+    radius = 1 / np.clip(bulge, 1 / _MAX_RADIUS, 1 / _MIN_RADIUS)
+    min_speed, max_speed = sizes / (2 * mass), sizes / mass
+    is_known = np.isfinite(impacts.approach)
+    speed = np.where(
+        is_known, np.clip(impacts.approach, min_speed, max_speed), sizes / (_REBOUND * mass)
+    )
+    speed = np.maximum(speed, MIN_SPEED_CHANGE / 2)
     return CONTACT_CONSTANT * (mass**2 / (radius * contact_modulus(*solids) ** 2 * speed)) ** 0.2
 
 
@@ -436,18 +448,18 @@ def _curvatures(body: Body, times: Array, places: Array) -> Array:
     if mesh is None:
         return np.zeros(len(places))
     points, _ = seen_from(body, times, places, places)
-    _, faces, nearest = mesh.locator.closest(points)
+    _, faces, nearest_points = mesh.locator.closest(points)
     corners = mesh.faces[faces]
-    weights = barycentric(mesh.points[corners], nearest)
+    weights = barycentric(mesh.points[corners], nearest_points)
     return np.einsum("kc,kc->k", weights, mesh.mean_curvatures[corners])
 
 
 def joint_masses(bodies: Sequence[Body], times: Array, places: Array, directions: Array) -> Array:
     """Return the mass of two bodies as seen by a push at places of the scene, kg (P,)."""
-    light = sum(_mobility(body, times, places, directions) for body in bodies)
+    mobility = sum(_mobility(body, times, places, directions) for body in bodies)
     # Where neither moves freely, the lightest body counts as moving: a hand has moved it.
-    heavy = min((b.model.mass for b in bodies if b.model.mass is not None), default=1.0)
-    return 1 / np.where(light > 0, light, 1 / heavy)
+    fallback_mass = min((b.model.mass for b in bodies if b.model.mass is not None), default=1.0)
+    return 1 / np.where(mobility > 0, mobility, 1 / fallback_mass)
 
 
 def _mobility(body: Body, times: Array, places: Array, directions: Array) -> Array:
@@ -455,24 +467,26 @@ def _mobility(body: Body, times: Array, places: Array, directions: Array) -> Arr
     model = body.model
     if body.fixed or model.supported or model.mass is None:
         return np.zeros(len(places))
-    points, ways = seen_from(body, times, places, directions)
-    ways /= np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), _TINY)
+    points, local_directions = seen_from(body, times, places, directions)
+    local_directions /= np.maximum(np.linalg.norm(local_directions, axis=1, keepdims=True), _TINY)
     mobility = np.full(len(places), 1 / model.mass)
     if model.inertia is not None:
-        torques = np.cross(points - centre_of(model), ways)
-        turned = np.linalg.solve(np.asarray(model.inertia, np.float64), torques.T).T
-        mobility += np.einsum("kd,kd->k", torques, turned)
+        torques = np.cross(points - centre_of(model), local_directions)
+        angular_velocities = np.linalg.solve(np.asarray(model.inertia, np.float64), torques.T).T
+        mobility += np.einsum("kd,kd->k", torques, angular_velocities)
     return mobility
 
 
-def seen_from(body: Body, times: Array, places: Array, ways: Array) -> tuple[Array, Array]:
+def seen_from(body: Body, times: Array, places: Array, vectors: Array) -> tuple[Array, Array]:
     """Return places and vectors of the scene at times (P,) in a body's coordinates (P, 3) each."""
-    turns = body.orientation.at(times)
-    points = np.einsum("kd,kde->ke", places - body.origin.at(times), turns)
-    return points, np.einsum("kd,kde->ke", ways, turns)
+    rotations = body.orientation.at(times)
+    points = np.einsum("kd,kde->ke", places - body.origin.at(times), rotations)
+    return points, np.einsum("kd,kde->ke", vectors, rotations)
 
 
-def onto_surface(name: str, model: ModalModel, points: Array) -> tuple[Array, Sequence[str]]:
+def project_onto_surface(
+    name: str, model: ModalModel, points: Array
+) -> tuple[Array, Sequence[str]]:
     """Return points (P, 3) moved onto a model's surface, and a note where that was far."""
     mesh = model.geometry
     if mesh is None or not isinstance(model.gains, ShapeGains):
@@ -480,21 +494,21 @@ def onto_surface(name: str, model: ModalModel, points: Array) -> tuple[Array, Se
             f"{name!r} is a model of recordings, whose contacts are no places in space: give the "
             "scene a computed model for it, or RigidBody()"
         )
-    distances, _, nearest = model.gains.locator.closest(points)
+    distances, _, nearest_points = model.gains.locator.closest(points)
     if np.median(distances) > mesh.extent:
         raise ContactError(
             f"contacts of {name!r} are {rounded(np.median(distances), 3)} m off its surface, and "
             f"it is {rounded(mesh.extent, 3)} m large: look at the units of the log, and at the "
             "body's pose"
         )
-    far = np.count_nonzero(distances > _OFF * mesh.extent)
-    if not far:
-        return nearest, ()
+    far_count = np.count_nonzero(distances > _OFF_SURFACE_RATIO * mesh.extent)
+    if not far_count:
+        return nearest_points, ()
     note = (
-        f"{far} of {len(points)} contacts of {name!r} lay up to {rounded(distances.max(), 2)} m "
-        "off its surface and were moved onto it"
+        f"{far_count} of {len(points)} contacts of {name!r} lay up to "
+        f"{rounded(distances.max(), 2)} m off its surface and were moved onto it"
     )
-    return nearest, (note,)
+    return nearest_points, (note,)
 
 
 def _strike(forces: str, duration: float | None, seed: int) -> Strike:
@@ -514,22 +528,22 @@ def _rows_of(contacts: Contacts) -> Impacts:
         first=contacts.body0[rows],
         second=contacts.body1[rows],
         time=contacts.time[rows] + contacts.dt[rows] / 2,
-        seen=contacts.time[rows],
+        pose_time=contacts.time[rows],
         position=contacts.position[rows],
         impulse=contacts.impulse[rows],
         approach=np.full(len(rows), np.nan),
     )
 
 
-def _no_impacts() -> Impacts:
-    whole, row, rows = np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 3))
+def _empty_impacts() -> Impacts:
+    no_numbers, no_values, no_vectors = np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 3))
     return Impacts(
-        blow=whole,
-        first=whole,
-        second=whole,
-        time=row,
-        seen=row,
-        position=rows,
-        impulse=rows,
-        approach=row,
+        blow=no_numbers,
+        first=no_numbers,
+        second=no_numbers,
+        time=no_values,
+        pose_time=no_values,
+        position=no_vectors,
+        impulse=no_vectors,
+        approach=no_values,
     )

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
-QUOTED = "'{}'"  # form of names within a sentence
-_MOST_NAMES = 6  # in one line; more are counted
-_SHORTEST_RUN = 3  # of numbered names in a row that are written "c0 to c3"
-_NUMBERED = re.compile(r"(.*?)(\d+)")
+QUOTED_FORM = "'{}'"  # form of names within a sentence
+_MAX_NAMES = 6  # in one line; more are counted
+_MIN_RUN = 3  # of numbered names in a row that are written "c0 to c3"
+_NUMBERED_NAME = re.compile(r"(.*?)(\d+)")
 
 
-def gathered(notes: Iterable[tuple[str, str]]) -> tuple[str, ...]:
+def gather_notes(notes: Iterable[tuple[str, str]]) -> tuple[str, ...]:
     """Return notes of bodies, given as (name, text), as lines "names: text", equal texts in one.
 
     In a line of several bodies "its" becomes "their", and "it is" "they are".
@@ -22,17 +22,17 @@ def gathered(notes: Iterable[tuple[str, str]]) -> tuple[str, ...]:
         if name not in names:
             names.append(name)
     return tuple(
-        f"{listed(names)}: {text if len(names) == 1 else of_several(text)}"
+        f"{list_names(names)}: {text if len(names) == 1 else with_plural(text)}"
         for text, names in bodies.items()
     )
 
 
-def of_several(text: str) -> str:
+def with_plural(text: str) -> str:
     """Return a text about one body, its pronouns in the plural."""
     return re.sub(r"\bit is\b", "they are", re.sub(r"\bits\b", "their", text))
 
 
-def listed(names: Sequence[str], form: str = "{}") -> str:
+def list_names(names: Sequence[str], form: str = "{}") -> str:
     """Return names as words: "a, b and c", numbered ones as "c0 to c3", more than six counted.
 
     `form` is how a single name is written, such as `QUOTED`.
@@ -40,15 +40,15 @@ def listed(names: Sequence[str], form: str = "{}") -> str:
     parts: list[str] = []
     counts: list[int] = []
     for run in _runs(names):
-        if len(run) >= _SHORTEST_RUN:
+        if len(run) >= _MIN_RUN:
             parts.append(f"{form.format(run[0])} to {form.format(run[-1])}")
             counts.append(len(run))
         else:
             parts += [form.format(name) for name in run]
             counts += [1] * len(run)
-    if len(parts) > _MOST_NAMES:
-        others = sum(counts[_MOST_NAMES - 1 :])
-        parts = [*parts[: _MOST_NAMES - 1], f"{others} others"]
+    if len(parts) > _MAX_NAMES:
+        others = sum(counts[_MAX_NAMES - 1 :])
+        parts = [*parts[: _MAX_NAMES - 1], f"{others} others"]
     *first, last = parts
     return f"{', '.join(first)} and {last}" if first else last
 
@@ -57,15 +57,15 @@ def _runs(names: Sequence[str]) -> list[list[str]]:
     """Return the names, numbered ones sorted and grouped where their numbers follow each other."""
     stems: dict[str, list[tuple[int, str]]] = {}
     for name in names:
-        match = _NUMBERED.fullmatch(name)
+        match = _NUMBERED_NAME.fullmatch(name)
         stem, number = (match[1], int(match[2])) if match else (f"{name}\0", 0)
         stems.setdefault(stem, []).append((number, name))
     runs: list[list[str]] = []
-    for numbered in stems.values():
-        before = -2
-        for number, name in sorted(numbered):
-            if number != before + 1:
+    for entries in stems.values():
+        last_number = -2
+        for number, name in sorted(entries):
+            if number != last_number + 1:
                 runs.append([])
             runs[-1].append(name)
-            before = number
+            last_number = number
     return runs

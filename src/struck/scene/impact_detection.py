@@ -22,15 +22,15 @@ from scipy.ndimage import binary_dilation, median_filter, uniform_filter1d
 from struck.model.arrays import Array, Index, Mask
 from struck.scene.contacts import Contacts
 
-_APART = 3  # steps without a row that do not end a touch, nor part two hits of one blow
-_APART_SECONDS = 5e-3  # of steps longer than that, one
+_MAX_GAP_STEPS = 3  # steps without a row that do not end a touch, nor part two hits of one blow
+_MAX_GAP_SECONDS = 5e-3  # of steps longer than that, one
 # A touch of fewer steps is a blow: a soft solver takes a dozen for one, and 40 ms are no rest.
-BRIEF_STEPS, _BRIEF_SECONDS, _FEWEST = 31, 40e-3, 4
-_FLICKER = 6  # steps over which the load of changing points of contact is averaged
-_STANDS_OUT = 3.0  # times the lasting load above it: such a step is of a blow
-_SWELLS = 0.5  # times it, on the average: such steps are, where the bodies came together
-_TOGETHER = 5e-3  # m/s
-_FLANK = 0.25  # of the lasting load above it: there the flanks of a blow end
+BRIEF_STEPS, _BRIEF_SECONDS, _MIN_STEPS = 31, 40e-3, 4
+_FLICKER_STEPS = 6  # steps over which the load of changing points of contact is averaged
+_PEAK_RATIO = 3.0  # times the lasting load above it: such a step is of a blow
+_SWELL_RATIO = 0.5  # times it, on the average: such steps are, where the bodies came together
+_MIN_CLOSING_SPEED = 5e-3  # m/s
+_FLANK_RATIO = 0.25  # of the lasting load above it: there the flanks of a blow end
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -44,13 +44,13 @@ class Pair:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Touches:
+class ImpactDetection:
     """The rows of a pair, each parted into a share of a blow and a share of a load."""
 
     step: float  # s; 0 where rows are blows by themselves
     blow: Index  # (n,), number of the blow a row belongs to, -1 for none
-    share: Array  # (n,), of the row's impulse that belongs to the blow
-    rest: Index  # (n,), number of the lasting touch a row belongs to, -1 for none
+    fraction: Array  # (n,), of the row's impulse that belongs to the blow
+    contact: Index  # (n,), number of the lasting touch a row belongs to, -1 for none
     load: Array  # (n,), N, that lasts about a row's step, of all its rows together
 
     @property
@@ -65,14 +65,16 @@ def pairs_of(contacts: Contacts) -> Iterator[Pair]:
     high = np.maximum(contacts.body0, contacts.body1)
     keys = low * len(contacts.names) + high
     order = np.argsort(keys, kind="stable")  # rows are in order of time
-    begins = np.flatnonzero(np.diff(keys[order], prepend=-1))
-    for rows in np.split(order, begins[1:]) if len(order) else ():
+    first_rows = np.flatnonzero(np.diff(keys[order], prepend=-1))
+    for rows in np.split(order, first_rows[1:]) if len(order) else ():
         first, second = int(low[rows[0]]), int(high[rows[0]])
         sign = np.where(contacts.body0[rows] == first, 1.0, -1.0)
         yield Pair(first=first, second=second, rows=rows, sign=sign)
 
 
-def touches_of(time: Array, dt: Array, strength: Array, approach: Array | None = None) -> Touches:
+def detect_impacts(
+    time: Array, dt: Array, strength: Array, approach: Array | None = None
+) -> ImpactDetection:
     """Part the rows of a pair into blows and loads.
 
     Parameters
@@ -86,101 +88,115 @@ def touches_of(time: Array, dt: Array, strength: Array, approach: Array | None =
         How fast the bodies come together there when the step begins, m/s.
     """
     count = len(time)
-    blow, share = np.full(count, -1), np.ones(count)
-    rest, load = np.full(count, -1), np.zeros(count)
-    alone, lasting = np.flatnonzero(dt == 0), np.flatnonzero(dt > 0)
-    step = float(np.median(dt[lasting])) if len(lasting) else 0.0
+    blow, fraction = np.full(count, -1), np.ones(count)
+    contact, load = np.full(count, -1), np.zeros(count)
+    instant_rows, step_rows = np.flatnonzero(dt == 0), np.flatnonzero(dt > 0)
+    step = float(np.median(dt[step_rows])) if len(step_rows) else 0.0
     first = 0
-    if len(lasting):
-        coming = None if approach is None else approach[lasting]
-        parts = _stepped(time[lasting], step, strength[lasting], coming)
-        for column, part in zip((blow, share, rest, load), parts, strict=True):
-            column[lasting] = part
+    if len(step_rows):
+        closing_speeds = None if approach is None else approach[step_rows]
+        parts = _detect_in_steps(time[step_rows], step, strength[step_rows], closing_speeds)
+        for column, part in zip((blow, fraction, contact, load), parts, strict=True):
+            column[step_rows] = part
         first = int(blow.max()) + 1
-    if len(alone):
-        blow[alone] = first + np.unique(time[alone], return_inverse=True)[1]
-    return Touches(step=step, blow=blow, share=share, rest=rest, load=load)
+    if len(instant_rows):
+        blow[instant_rows] = first + np.unique(time[instant_rows], return_inverse=True)[1]
+    return ImpactDetection(step=step, blow=blow, fraction=fraction, contact=contact, load=load)
 
 
-def _stepped(
+def _detect_in_steps(
     time: Array, step: float, strength: Array, approach: Array | None
 ) -> tuple[Index, Array, Index, Array]:
     """Return blow, share, rest and load of rows that last a step."""
     numbers = np.round((time - time[0]) / step).astype(np.int64)
-    places, touch, starts, lengths = _laid_out(numbers, _apart(step))
-    impulses = np.zeros(int(starts[-1] + lengths[-1]))
-    np.add.at(impulses, places, strength)
-    brief = max(_FEWEST, min(BRIEF_STEPS, int(_BRIEF_SECONDS / step)))
+    positions, contact, start_steps, lengths = _concatenate_steps(numbers, _gap_limit(step))
+    impulses = np.zeros(int(start_steps[-1] + lengths[-1]))
+    np.add.at(impulses, positions, strength)
+    min_contact_steps = max(_MIN_STEPS, min(BRIEF_STEPS, int(_BRIEF_SECONDS / step)))
     parts = [
-        _lasting(impulses[start : start + length], brief)
-        for start, length in zip(starts.tolist(), lengths.tolist(), strict=True)
+        _estimate_load(impulses[start : start + length], min_contact_steps)
+        for start, length in zip(start_steps.tolist(), lengths.tolist(), strict=True)
     ]
-    smooth, base = (np.concatenate(part) for part in zip(*parts, strict=True))
-    above, swell = np.maximum(impulses - base, 0.0), smooth - base
-    standing = above > _STANDS_OUT * base
+    smooth_impulses, base = (np.concatenate(part) for part in zip(*parts, strict=True))
+    excess, smooth_excess = np.maximum(impulses - base, 0.0), smooth_impulses - base
+    is_peak = excess > _PEAK_RATIO * base
     if approach is not None:
-        coming = np.zeros(len(impulses), np.bool_)
-        coming[places[approach > _TOGETHER]] = True
-        coming = binary_dilation(coming, iterations=brief)
-        standing |= coming & (swell > _SWELLS * base) & (above > 0)
+        is_closing = np.zeros(len(impulses), np.bool_)
+        is_closing[positions[approach > _MIN_CLOSING_SPEED]] = True
+        is_closing = binary_dilation(is_closing, iterations=min_contact_steps)
+        is_peak |= is_closing & (smooth_excess > _SWELL_RATIO * base) & (excess > 0)
     # Flicker of single steps is no flank.
-    within = binary_dilation(standing, iterations=brief) & (swell > _FLANK * base) & (above > 0)
-    blow = _blows(within | standing, standing, _apart(step), starts)
-    share = np.where(blow >= 0, above, 0.0) / np.maximum(impulses, 1e-300)
-    rests = np.where(lengths >= brief, np.cumsum(lengths >= brief) - 1, -1)
-    return blow[places], share[places], rests[touch], base[places] / step
+    is_flank = (
+        binary_dilation(is_peak, iterations=min_contact_steps)
+        & (smooth_excess > _FLANK_RATIO * base)
+        & (excess > 0)
+    )
+    blow = _number_blows(is_flank | is_peak, is_peak, _gap_limit(step), start_steps)
+    fraction = np.where(blow >= 0, excess, 0.0) / np.maximum(impulses, 1e-300)
+    contact_numbers = np.where(
+        lengths >= min_contact_steps, np.cumsum(lengths >= min_contact_steps) - 1, -1
+    )
+    return blow[positions], fraction[positions], contact_numbers[contact], base[positions] / step
 
 
-def _apart(step: float) -> int:
-    return max(1, min(_APART, int(_APART_SECONDS / step)))
+def _gap_limit(step: float) -> int:
+    return max(1, min(_MAX_GAP_STEPS, int(_MAX_GAP_SECONDS / step)))
 
 
-def _laid_out(numbers: Index, apart: int) -> tuple[Index, Index, Index, Index]:
+def _concatenate_steps(numbers: Index, max_gap: int) -> tuple[Index, Index, Index, Index]:
     """Lay the steps of all touches end to end, so that a gap inside a touch is a step without load.
 
     Returns the place of each row and the number of its touch (n,), and where touches start and how
     many steps they have (T,).
     """
-    ends = np.flatnonzero(np.diff(numbers) > apart)
-    firsts, lasts = np.append(0, ends + 1), np.append(ends, len(numbers) - 1)
-    lengths = numbers[lasts] - numbers[firsts] + 1
-    starts = np.cumsum(lengths) - lengths
-    touch = np.repeat(np.arange(len(firsts)), lasts - firsts + 1)
-    return numbers - numbers[firsts][touch] + starts[touch], touch, starts, lengths
-
-
-def _lasting(impulses: Array, brief: int) -> tuple[Array, Array]:
-    """Return each step's impulse without flicker, and its lasting part, in one touch (steps,)."""
-    smooth = uniform_filter1d(impulses, _FLICKER, mode="nearest")
-    if len(impulses) < brief:
-        return smooth, np.zeros(len(impulses))
-    window = 2 * brief + 1
-    if len(smooth) <= window:
-        return smooth, np.full(len(smooth), np.median(smooth))
-    # Beyond the ends it goes on as at the ends, blows there left out.
-    before, after = (
-        np.full(brief, np.median(part)) for part in (smooth[:window], smooth[-window:])
+    ends = np.flatnonzero(np.diff(numbers) > max_gap)
+    first_rows, last_rows = np.append(0, ends + 1), np.append(ends, len(numbers) - 1)
+    lengths = numbers[last_rows] - numbers[first_rows] + 1
+    start_steps = np.cumsum(lengths) - lengths
+    contact = np.repeat(np.arange(len(first_rows)), last_rows - first_rows + 1)
+    return (
+        numbers - numbers[first_rows][contact] + start_steps[contact],
+        contact,
+        start_steps,
+        lengths,
     )
-    padded = np.concatenate([before, smooth, after])
-    return smooth, median_filter(padded, window, mode="nearest")[brief:-brief]
 
 
-def _blows(within: Mask, standing: Mask, apart: int, starts: Index) -> Index:
+def _estimate_load(impulses: Array, min_contact_steps: int) -> tuple[Array, Array]:
+    """Return each step's impulse without flicker, and its lasting part, in one touch (steps,)."""
+    smooth_impulses = uniform_filter1d(impulses, _FLICKER_STEPS, mode="nearest")
+    if len(impulses) < min_contact_steps:
+        return smooth_impulses, np.zeros(len(impulses))
+    window = 2 * min_contact_steps + 1
+    if len(smooth_impulses) <= window:
+        return smooth_impulses, np.full(len(smooth_impulses), np.median(smooth_impulses))
+    # Beyond the ends it goes on as at the ends, blows there left out.
+    head, tail = (
+        np.full(min_contact_steps, np.median(part))
+        for part in (smooth_impulses[:window], smooth_impulses[-window:])
+    )
+    padded_impulses = np.concatenate([head, smooth_impulses, tail])
+    return smooth_impulses, median_filter(padded_impulses, window, mode="nearest")[
+        min_contact_steps:-min_contact_steps
+    ]
+
+
+def _number_blows(is_blow: Mask, is_peak: Mask, max_gap: int, start_steps: Index) -> Index:
     """Return the number of the blow that each step belongs to (steps,), -1 for none."""
-    numbers = _runs(within, apart, starts)
+    numbers = _number_runs(is_blow, max_gap, start_steps)
     # A run in which nothing stands out is the load that sways.
-    stands = np.zeros(numbers.max(initial=-1) + 2, np.bool_)
-    stands[numbers[standing]] = True
-    stands[-1] = False  # of steps without number
-    return np.where(stands, np.cumsum(stands) - 1, -1)[numbers]
+    has_peak = np.zeros(numbers.max(initial=-1) + 2, np.bool_)
+    has_peak[numbers[is_peak]] = True
+    has_peak[-1] = False  # of steps without number
+    return np.where(has_peak, np.cumsum(has_peak) - 1, -1)[numbers]
 
 
-def _runs(mask: Mask, apart: int, starts: Index) -> Index:
+def _number_runs(mask: Mask, max_gap: int, start_steps: Index) -> Index:
     """Return the number of each place's run in a mask, small gaps in a touch closed; -1 outside."""
     places = np.flatnonzero(mask)
     numbers = np.full(len(mask), -1)
     if len(places):
-        touch = np.searchsorted(starts, places, side="right")
-        new = (np.diff(places) > apart) | (np.diff(touch) > 0)
-        numbers[places] = np.concatenate([[0], np.cumsum(new)])
+        contact = np.searchsorted(start_steps, places, side="right")
+        is_new = (np.diff(places) > max_gap) | (np.diff(contact) > 0)
+        numbers[places] = np.concatenate([[0], np.cumsum(is_new)])
     return numbers

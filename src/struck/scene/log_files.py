@@ -36,12 +36,12 @@ from struck.scene.contacts import Contacts, Poses
 
 _AXES = ("x", "y", "z")
 _ROTATION = ("w", "x", "y", "z")
-_NEEDED = ("position", "impulse")
+_REQUIRED_VECTORS = ("position", "impulse")
 _VECTORS = ("position", "normal", "impulse", "velocity")
 _WIDTHS: Mapping[str, Sequence[str]] = {**dict.fromkeys(_VECTORS, _AXES), "rotation": _ROTATION}
 _IN_METRES = ("position", "velocity")  # what a unit of length changes
 _COLUMNS = ("time", "dt", "body0", "body1", *_VECTORS, "id", "body", "rotation")
-_MOST_SHOWN = 5
+_MAX_NAMES = 5
 _DECIMAL_COMMA = re.compile(r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$")
 
 
@@ -68,15 +68,15 @@ def load_contacts(path: str | os.PathLike[str]) -> Contacts:
     data, kind = read_bytes(path), _kind(path)
     try:
         if kind == "npz":
-            return _of_arrays(data)
+            return _read_arrays(data)
         text = data.decode("utf-8-sig")
         lines = _csv_lines(text) if kind == "csv" else _json_lines(text)
         return _Table.of(lines).contacts()
     except (UnicodeDecodeError, csv.Error, zipfile.BadZipFile, KeyError, ValueError) as error:
         if isinstance(error, OptionError):
             raise type(error)(f"{path}: {error}") from None
-        what = f"it lacks {error}" if isinstance(error, KeyError) else error
-        raise FileFormatError(f"{path} is no contact log: {what}") from None
+        problem = f"it lacks {error}" if isinstance(error, KeyError) else error
+        raise FileFormatError(f"{path} is no contact log: {problem}") from None
 
 
 @checked
@@ -123,7 +123,7 @@ Line = tuple[int, Mapping[str, Any]]
 def _csv_lines(text: str) -> Iterator[Line]:
     """Yield the number and the columns of each line, and the text of comments."""
     columns: Sequence[str] = ()
-    between = ","
+    delimiter = ","
     for number, line in enumerate(text.splitlines(), start=1):
         if line.lstrip().startswith("#"):
             key, _, value = line.lstrip("# ").partition(":")
@@ -133,11 +133,11 @@ def _csv_lines(text: str) -> Iterator[Line]:
                 yield number, {"names": json.loads(value)}
             continue
         if not columns:
-            between = next((each for each in ";\t" if each in line and "," not in line), ",")
-        cells = [cell.strip() for cell in next(csv.reader([line], delimiter=between), [])]
+            delimiter = next((mark for mark in ";\t" if mark in line and "," not in line), ",")
+        cells = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
         if not any(cells):
             continue
-        if between != ",":
+        if delimiter != ",":
             cells = [_DECIMAL_COMMA.sub(r"\1.\2", cell) for cell in cells]
         if not columns:
             columns = cells
@@ -145,7 +145,7 @@ def _csv_lines(text: str) -> Iterator[Line]:
         elif len(cells) != len(columns):
             raise ValueError(f"line {number} has {len(cells)} cells, and there are {len(columns)}")
         else:
-            yield number, _gathered(columns, cells)
+            yield number, _parse_cells(columns, cells)
 
 
 def _require_axes(columns: Sequence[str]) -> None:
@@ -153,25 +153,27 @@ def _require_axes(columns: Sequence[str]) -> None:
     for name, axes in _WIDTHS.items():
         lacking = [f"{name}_{axis}" for axis in axes if f"{name}_{axis}" not in columns]
         if 0 < len(lacking) < len(axes):
-            others = [each for each in columns if each.rpartition("_")[0] not in _WIDTHS]
-            offer = nearest(lacking[0], [each for each in others if each not in _COLUMNS])
-            offer = offer.replace("did you mean", "is it").strip()
-            raise ValueError(f"its columns lack {', '.join(lacking)}: {offer or 'give all'}")
+            others = [column for column in columns if column.rpartition("_")[0] not in _WIDTHS]
+            suggestion = nearest(
+                lacking[0], [column for column in others if column not in _COLUMNS]
+            )
+            suggestion = suggestion.replace("did you mean", "is it").strip()
+            raise ValueError(f"its columns lack {', '.join(lacking)}: {suggestion or 'give all'}")
 
 
-def _gathered(columns: Sequence[str], cells: Sequence[str]) -> Mapping[str, Any]:
+def _parse_cells(columns: Sequence[str], cells: Sequence[str]) -> Mapping[str, Any]:
     """Return the cells of a line by column, vectors as lists; empty ones are left out."""
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for column, cell in zip(columns, cells, strict=True):
         if not cell:
             continue
         name, _, axis = column.rpartition("_")
         axes = _WIDTHS.get(name, ())
         if axis in axes:
-            found.setdefault(name, [""] * len(axes))[axes.index(axis)] = cell
+            values.setdefault(name, [""] * len(axes))[axes.index(axis)] = cell
         else:
-            found[column] = cell
-    return found
+            values[column] = cell
+    return values
 
 
 def _json_lines(text: str) -> Iterator[Line]:
@@ -179,12 +181,12 @@ def _json_lines(text: str) -> Iterator[Line]:
         if not line.strip():
             continue
         try:
-            found = json.loads(line)
+            record = json.loads(line)
         except ValueError as error:
             raise ValueError(f"line {number} is no JSON ({error})") from None
-        if not hasattr(found, "keys"):
+        if not hasattr(record, "keys"):
             raise ValueError(f"line {number} is no object: give {{...}} in each line")
-        yield number, found
+        yield number, record
 
 
 @dataclass(kw_only=True, eq=False)
@@ -230,11 +232,11 @@ class _Table:
         _require_columns(dict.fromkeys(name for _, line in self.rows for name in line))
         ends = [self.bodies(name) for name in ("body0", "body1")]
         vectors = {name: self.vectors(self.rows, name, 3) for name in _VECTORS}
-        for name in _NEEDED:
+        for name in _REQUIRED_VECTORS:
             if vectors[name] is None:
                 vectors[name] = np.zeros((0, 3))
         poses = self.motion()
-        notes = _unused({name for _, line in self.rows + self.poses for name in line})
+        notes = _note_unused({name for _, line in self.rows + self.poses for name in line})
         columns: dict[str, Any] = {
             "time": self.scalars(self.rows, "time"),
             "dt": self.scalars(self.rows, "dt", 0.0),
@@ -268,60 +270,68 @@ class _Table:
             rotation=rotation,
         )
 
-    def scalars(self, lines: Sequence[Line], name: str, usual: float | None = None) -> Array:
+    def scalars(self, lines: Sequence[Line], name: str, default: float | None = None) -> Array:
         """Return a column of numbers."""
         try:
-            return np.array([float(line.get(name, usual)) for _, line in lines], np.float64)
+            return np.array([float(line.get(name, default)) for _, line in lines], np.float64)
         except (TypeError, ValueError):
             for number, line in lines:
-                _require_number(number, name, line.get(name, usual))
+                _require_number(number, name, line.get(name, default))
             raise
 
     def vectors(self, lines: Sequence[Line], name: str, width: int) -> Array | None:
         """Return a column of vectors; None where no line has it."""
-        given = [line.get(name) for _, line in lines]
-        if not any(each is not None for each in given):
+        entries = [line.get(name) for _, line in lines]
+        if not any(entry is not None for entry in entries):
             return None
         scale = self.length if name in _IN_METRES else 1.0
         try:
-            found = np.array(given, np.float64)
+            table = np.array(entries, np.float64)
         except (TypeError, ValueError):
-            found = np.zeros(0)
-        if found.shape != (len(lines), width):
+            table = np.zeros(0)
+        if table.shape != (len(lines), width):
             for number, line in lines:
                 values = line.get(name)
                 if not isinstance(values, Sequence) or len(values) != width:
                     raise ValueError(f"line {number} has {name} {values!r}: give {width} numbers")
                 for value in values:
                     _require_number(number, name, value)
-        return scale * found
+        return scale * table
 
 
-def _require_columns(found: Collection[str]) -> None:
+def _require_columns(columns: Collection[str]) -> None:
     """Refuse the columns of a log, if it has any, where needed ones are missing."""
-    lacking = [name for name in ("time", "body0", "body1", *_NEEDED) if name not in found]
-    if found and lacking:
-        axes = " (in CSV position_x, _y, _z and so on)" if {*lacking} & {*_NEEDED} else ""
-        force = any(each.startswith("force") for each in found) and "impulse" in lacking
-        offer = "an impulse is force times dt, in N s; " if force else _offers(found)
+    lacking = [
+        name for name in ("time", "body0", "body1", *_REQUIRED_VECTORS) if name not in columns
+    ]
+    if columns and lacking:
+        axes = " (in CSV position_x, _y, _z and so on)" if {*lacking} & {*_REQUIRED_VECTORS} else ""
+        force = any(column.startswith("force") for column in columns) and "impulse" in lacking
+        suggestion = "an impulse is force times dt, in N s; " if force else _suggest_names(columns)
         raise ValueError(
-            f"its columns are {', '.join(found)}: {', '.join(lacking)} are missing; "
-            f"{offer}give time, body0, body1, {', '.join(_NEEDED)}{axes} and, "
+            f"its columns are {', '.join(columns)}: {', '.join(lacking)} are missing; "
+            f"{suggestion}give time, body0, body1, {', '.join(_REQUIRED_VECTORS)}{axes} and, "
             "if known, dt, normal, velocity, id"
         )
 
 
-def _unused(found: Collection[str]) -> tuple[str, ...]:
+def _note_unused(columns: Collection[str]) -> tuple[str, ...]:
     """Return a note of the columns of a log that are none of its own."""
-    unknown = sorted({*found} - {*_COLUMNS})
-    told = f"columns that are not used: {', '.join(unknown[:_MOST_SHOWN])}"
-    more = f" and {len(unknown) - _MOST_SHOWN} more" if len(unknown) > _MOST_SHOWN else ""
-    return (f"{told}{more}; {_offers(found)}there are {', '.join(_COLUMNS)}",) * bool(unknown)
+    unknown_columns = sorted({*columns} - {*_COLUMNS})
+    text = f"columns that are not used: {', '.join(unknown_columns[:_MAX_NAMES])}"
+    remainder = (
+        f" and {len(unknown_columns) - _MAX_NAMES} more"
+        if len(unknown_columns) > _MAX_NAMES
+        else ""
+    )
+    return (f"{text}{remainder}; {_suggest_names(columns)}there are {', '.join(_COLUMNS)}",) * bool(
+        unknown_columns
+    )
 
 
-def _offers(found: Collection[str]) -> str:
-    free = [name for name in _COLUMNS if name not in found]
-    names = (re.sub("_[wxyz]$", "", name) for name in found if name not in _COLUMNS)
+def _suggest_names(columns: Collection[str]) -> str:
+    free = [name for name in _COLUMNS if name not in columns]
+    names = (re.sub("_[wxyz]$", "", name) for name in columns if name not in _COLUMNS)
     return "".join(dict.fromkeys(nearest(name, free) for name in names))
 
 
@@ -335,7 +345,7 @@ def _require_number(number: int, name: str, value: object) -> None:
 # Arrays.
 
 
-def _of_arrays(data: bytes) -> Contacts:
+def _read_arrays(data: bytes) -> Contacts:
     with np.load(io.BytesIO(data), allow_pickle=False) as file:
         columns = {name: file[name] for name in file.files if not name.startswith("pose_")}
         poses = None
@@ -344,11 +354,11 @@ def _of_arrays(data: bytes) -> Contacts:
                 **{name: file[f"pose_{name}"] for name in ("time", "body", "position", "rotation")}
             )
     _require_columns(columns)
-    names = [str(each) for each in np.atleast_1d(columns.pop("names"))]
-    unknown = sorted(columns.keys() - {"time", "dt", "body0", "body1", "id", *_VECTORS})
-    if unknown:
+    names = [str(name) for name in np.atleast_1d(columns.pop("names"))]
+    unknown_names = sorted(columns.keys() - {"time", "dt", "body0", "body1", "id", *_VECTORS})
+    if unknown_names:
         raise ValueError(
-            f"it holds {', '.join(unknown[:_MOST_SHOWN])}, which are no columns of a log"
+            f"it holds {', '.join(unknown_names[:_MAX_NAMES])}, which are no columns of a log"
         )
     return Contacts(names=names, poses=poses, **columns)
 
@@ -370,9 +380,9 @@ def _rows(contacts: Contacts) -> Iterator[dict[str, Any]]:
     """Yield the contacts, then the poses, each as a mapping of columns."""
     names, arrays = contacts.names, _arrays(contacts)
     lists = {name: values.tolist() for name, values in arrays.items() if name != "names"}
-    own = [name for name in lists if not name.startswith("pose_")]
+    contact_columns = [name for name in lists if not name.startswith("pose_")]
     for row in range(len(contacts)):
-        line = {name: lists[name][row] for name in own}
+        line = {name: lists[name][row] for name in contact_columns}
         yield line | {end: names[line[end]] for end in ("body0", "body1")}
     for row in range(len(lists.get("pose_time", ()))):
         line = {name[5:]: lists[name][row] for name in lists if name.startswith("pose_")}

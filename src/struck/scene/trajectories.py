@@ -37,18 +37,18 @@ from struck.scene.body import Body, Scene
 from struck.scene.contacts import Contacts, Poses
 from struck.scene.events import seen_from
 
-_QUIETEST = 0.02  # m/s, the least leap of speed that is a hit
-_SHARE = 0.01  # of the fastest motion: smaller leaps are not told from errors of the frames
-_NEAR = 0.03  # of the smaller body's extent: bodies as near as that may touch
-_CLOSE = 5e-3  # m, or as near as that
-_SLACK = 0.02  # m, beyond that
-_TIE = 1e-3  # m: places whose distances differ by less touch together
-_CARRIED = 0.2  # of gravity: with less a body flies
-_UNMATCHED = 0.5  # share by which the leaps of two bodies may miss each other
-_BESIDE = 0.25  # frames, that a hit may lie beside those it was found between
-_BESIDES = 9  # frames, over which the median is a load: what hits is shorter
-_ASIDE = 1e-3  # of what two frames bend aside, by which a pair of them is the worse
-_AGAINST = 0.7  # cosine of what is against a load
+_MIN_LEAP = 0.02  # m/s, the least leap of speed that is a hit
+_LEAP_RATIO = 0.01  # of the fastest motion: smaller leaps are not told from errors of the frames
+_NEAR_RATIO = 0.03  # of the smaller body's extent: bodies as near as that may touch
+_NEAR_DISTANCE = 5e-3  # m, or as near as that
+_SLACK_DISTANCE = 0.02  # m, beyond that
+_TIE_DISTANCE = 1e-3  # m: places whose distances differ by less touch together
+_CARRIED_RATIO = 0.2  # of gravity: with less a body flies
+_MAX_MISMATCH = 0.5  # share by which the leaps of two bodies may miss each other
+_MAX_FRAME_SHIFT = 0.25  # frames, that a hit may lie beside those it was found between
+_MEDIAN_FRAMES = 9  # frames, over which the median is a load: what hits is shorter
+_BEND_WEIGHT = 1e-3  # of what two frames bend aside, by which a pair of them is the worse
+_OPPOSITE_COSINE = 0.7  # cosine of what is against a load
 _ROUNDS = 12  # of projection from one surface to the other
 
 
@@ -68,20 +68,24 @@ class _Flight:
         """Duration of a frame, s."""
         return float(self.times[1] - self.times[0])
 
-    def standing(self, k: int, time: float, leaps: set[int]) -> Body:
+    def extrapolate(self, k: int, time: float, leaps: set[int]) -> Body:
         """Return the body where the flight into frame `k`, or out of the next, has it at a time.
 
         Frames in `leaps` are those after which its velocity leaps too.
         """
-        near, far = (k, k - 1) if k - 1 not in leaps else (k + 1, k + 2)
-        if not 0 <= far < len(self.times) or (near > k and k + 1 in leaps):
-            near, far = k, k + 1
-        x = (time - self.times[near]) / (self.times[near] - self.times[far])
-        centre = self.centre[near] + x * (self.centre[near] - self.centre[far])
-        turns = Rotation.from_matrix(self.body.orientation.at(self.times[[far, near]]))
-        turn = Rotation.from_rotvec(x * (turns[1] * turns[0].inv()).as_rotvec()) * turns[1]
-        place = centre + self.gravity * time**2 / 2 - turn.apply(_centre(self.body))
-        return replace(self.body, position=place, rotation=turn.as_matrix())
+        near_frame, far_frame = (k, k - 1) if k - 1 not in leaps else (k + 1, k + 2)
+        if not 0 <= far_frame < len(self.times) or (near_frame > k and k + 1 in leaps):
+            near_frame, far_frame = k, k + 1
+        x = (time - self.times[near_frame]) / (self.times[near_frame] - self.times[far_frame])
+        centre = self.centre[near_frame] + x * (self.centre[near_frame] - self.centre[far_frame])
+        rotations = Rotation.from_matrix(
+            self.body.orientation.at(self.times[[far_frame, near_frame]])
+        )
+        rotation = (
+            Rotation.from_rotvec(x * (rotations[1] * rotations[0].inv()).as_rotvec()) * rotations[1]
+        )
+        position = centre + self.gravity * time**2 / 2 - rotation.apply(_centre(self.body))
+        return replace(self.body, position=position, rotation=rotation.as_matrix())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -125,14 +129,20 @@ def infer_contacts(scene: Scene, motion: Contacts) -> Contacts:
     """
     if motion.poses is None:
         raise OptionError("the log has no poses: give some, as load_animation reads them")
-    posed = scene.posed(motion)
-    flights = _flights(posed, motion)
-    parted = [_leaps(flight) for flight in flights]
-    touches, lost = _paired(posed, motion.names, [leap for leaps, _ in parted for leap in leaps])
-    for flight, (_, loads) in zip(flights, parted, strict=True):
-        touches += _carried(posed, motion.names, flight, loads)
-    notes = (f"{counted(lost, 'leap')} of speed with nothing near: left out",) if lost else ()
-    return _log(motion, touches, notes)
+    posed_scene = scene.posed(motion)
+    flights = _flights(posed_scene, motion)
+    leaps_and_loads = [_leaps(flight) for flight in flights]
+    contacts, lost_count = _pair_leaps(
+        posed_scene, motion.names, [leap for leaps, _ in leaps_and_loads for leap in leaps]
+    )
+    for flight, (_, loads) in zip(flights, leaps_and_loads, strict=True):
+        contacts += _find_carried(posed_scene, motion.names, flight, loads)
+    notes = (
+        (f"{counted(lost_count, 'leap')} of speed with nothing near: left out",)
+        if lost_count
+        else ()
+    )
+    return _log(motion, contacts, notes)
 
 
 @checked
@@ -157,19 +167,19 @@ def load_animation(path: str | os.PathLike[str]) -> Contacts:
     """
     limits = ReadingLimits()
     try:
-        found = read_animation(open_source(Path(path), limits), limits)
+        animations = read_animation(open_source(Path(path), limits), limits)
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise FileFormatError(f"{path} has no animation that can be read: {error}") from None
-    if not found:
+    if not animations:
         raise FileFormatError(f"{path} has no animation of a mesh: export it with one")
-    sizes = [len(each.times) for each in found.values()]
+    sizes = [len(animation.times) for animation in animations.values()]
     poses = Poses(
-        time=np.concatenate([each.times for each in found.values()]),
+        time=np.concatenate([animation.times for animation in animations.values()]),
         body=np.repeat(np.arange(len(sizes)), sizes),
-        position=np.concatenate([each.positions for each in found.values()]),
-        rotation=np.concatenate([each.rotations for each in found.values()]),
+        position=np.concatenate([animation.positions for animation in animations.values()]),
+        rotation=np.concatenate([animation.rotations for animation in animations.values()]),
     )
-    return Contacts.of_motion(tuple(found), poses)
+    return Contacts.of_motion(tuple(animations), poses)
 
 
 def _flights(scene: Scene, motion: Contacts) -> Sequence[_Flight]:
@@ -179,22 +189,29 @@ def _flights(scene: Scene, motion: Contacts) -> Sequence[_Flight]:
         body = scene.bodies[name]
         times = motion.poses.of(number)[0] if motion.poses is not None else np.zeros(0)
         mass = body.model.mass
-        if body.fixed or body.model.supported or mass is None or len(times) < _FRAMES:
+        if body.fixed or body.model.supported or mass is None or len(times) < _MIN_FRAMES:
             continue
-        even = np.linspace(times[0], times[-1], len(times))
-        if np.abs(even - times).max() > 0.01 * (even[1] - even[0]):
+        even_times = np.linspace(times[0], times[-1], len(times))
+        if np.abs(even_times - times).max() > 0.01 * (even_times[1] - even_times[0]):
             raise OptionError(
                 f"{name!r} has poses at uneven times: sample its motion at even ones, such as 60 "
                 "a second"
             )
-        centre = body.carried(_centre(body)).at(even) - np.outer(even**2 / 2, gravity)
+        centre = body.carried(_centre(body)).at(even_times) - np.outer(even_times**2 / 2, gravity)
         flights.append(
-            _Flight(body=body, number=number, times=even, centre=centre, mass=mass, gravity=gravity)
+            _Flight(
+                body=body,
+                number=number,
+                times=even_times,
+                centre=centre,
+                mass=mass,
+                gravity=gravity,
+            )
         )
     return flights
 
 
-_FRAMES = 8  # the fewest of which anything can be said
+_MIN_FRAMES = 8  # the fewest of which anything can be said
 
 
 def _centre(body: Body) -> Array:
@@ -208,22 +225,24 @@ def _centre(body: Body) -> Array:
 def _leaps(flight: _Flight) -> tuple[Sequence[_Leap], Array]:
     """Return the leaps of a body's velocity, and the second differences of the rest (T, 3)."""
     frame, centre = flight.frame, flight.centre
-    bent = _second_differences(centre)
+    differences = _compute_second_differences(centre)
     speeds = np.linalg.norm(np.diff(centre, axis=0), axis=1) / frame
-    least = max(_QUIETEST, _SHARE * float(speeds.max(initial=0.0)))
-    base = median_filter(bent, (_BESIDES, 1), mode="nearest")
-    above = bent - base
-    frames, leaps = _hit(above, base, least * frame), []
+    min_leap = max(_MIN_LEAP, _LEAP_RATIO * float(speeds.max(initial=0.0)))
+    base = median_filter(differences, (_MEDIAN_FRAMES, 1), mode="nearest")
+    excess = differences - base
+    frames, leaps = _find_hits(excess, base, min_leap * frame), []
     for k in frames:
-        change = (above[k] + above[k + 1]) / frame
-        share = float(above[k] @ change / max(frame * change @ change, 1e-30))
-        time = flight.times[k + 1] - frame * float(np.clip(share, 0, 1))
-        leaps.append(_refined(flight, k, change, time, set(frames) - {k}))
-        bent[k : k + 2] = (bent[k] + bent[k + 1] - leaps[-1].change * frame) / 2
-    return leaps, bent
+        change = (excess[k] + excess[k + 1]) / frame
+        fraction = float(excess[k] @ change / max(frame * change @ change, 1e-30))
+        time = flight.times[k + 1] - frame * float(np.clip(fraction, 0, 1))
+        leaps.append(_refine_leap(flight, k, change, time, set(frames) - {k}))
+        differences[k : k + 2] = (
+            differences[k] + differences[k + 1] - leaps[-1].change * frame
+        ) / 2
+    return leaps, differences
 
 
-def _hit(above: Array, base: Array, least: float) -> list[int]:
+def _find_hits(excess: Array, base: Array, threshold: float) -> list[int]:
     """Return the frames after which a body is hit.
 
     Of all ways to part frames into pairs with a hit between them and single ones without, that
@@ -231,44 +250,52 @@ def _hit(above: Array, base: Array, least: float) -> list[int]:
     pair, and a little of what it bends in two directions, as two hits do. What bears a body does
     not pull it: where a load is less for a while there is no hit.
     """
-    alone = np.linalg.norm(above, axis=1)
-    sums, loads = above[:-1] + above[1:], base[:-1] + base[1:]
+    single_costs = np.linalg.norm(excess, axis=1)
+    sums, loads = excess[:-1] + excess[1:], base[:-1] + base[1:]
     sizes = np.linalg.norm(sums, axis=1)
-    aside = np.linalg.norm(np.cross(above[:-1], above[1:]), axis=1) / np.maximum(sizes, 1e-30)
-    against = np.einsum("kd,kd->k", sums, loads) < -_AGAINST * sizes * np.linalg.norm(loads, axis=1)
-    pulled = np.einsum("kd,kd->k", sums + loads, loads) < -_CARRIED * np.square(loads).sum(axis=1)
-    together = np.where((sizes < least) | (against & ~pulled), np.inf, least + _ASIDE * aside)
+    bends = np.linalg.norm(np.cross(excess[:-1], excess[1:]), axis=1) / np.maximum(sizes, 1e-30)
+    is_against = np.einsum("kd,kd->k", sums, loads) < -_OPPOSITE_COSINE * sizes * np.linalg.norm(
+        loads, axis=1
+    )
+    is_pulled = np.einsum("kd,kd->k", sums + loads, loads) < -_CARRIED_RATIO * np.square(loads).sum(
+        axis=1
+    )
+    pair_costs = np.where(
+        (sizes < threshold) | (is_against & ~is_pulled), np.inf, threshold + _BEND_WEIGHT * bends
+    )
     # The best of what ends before each frame, from the first on, and then back from the last.
-    best = np.zeros(len(above) + 1)
-    for k, single in enumerate(alone):
-        best[k + 1] = min(best[k] + single, best[k - 1] + together[k - 1] if k else np.inf)
-    frames, k = [], len(above)
+    best_costs = np.zeros(len(excess) + 1)
+    for k, single in enumerate(single_costs):
+        best_costs[k + 1] = min(
+            best_costs[k] + single, best_costs[k - 1] + pair_costs[k - 1] if k else np.inf
+        )
+    frames, k = [], len(excess)
     while k > 1:
-        paired = best[k] < best[k - 1] + alone[k - 1]
-        frames += [k - 2] if paired else []
-        k -= 2 if paired else 1
+        is_pair = best_costs[k] < best_costs[k - 1] + single_costs[k - 1]
+        frames += [k - 2] if is_pair else []
+        k -= 2 if is_pair else 1
     return frames[::-1]
 
 
-def _second_differences(centre: Array) -> Array:
+def _compute_second_differences(centre: Array) -> Array:
     """Return second differences of places (T, 3); the end values repeat their neighbours."""
     inner = centre[2:] - 2 * centre[1:-1] + centre[:-2]
     return np.concatenate([inner[:1], inner, inner[-1:]])
 
 
-def _refined(flight: _Flight, k: int, change: Array, time: float, others: set[int]) -> _Leap:
+def _refine_leap(flight: _Flight, k: int, change: Array, time: float, others: set[int]) -> _Leap:
     """Return a leap as the flights before and after meet, where both are three frames long."""
     frame, start = flight.frame, flight.times[k]
     if 2 <= k < len(flight.times) - 3 and not others & {k - 2, k - 1, k + 1, k + 2}:
-        before = _parabola(flight.centre[k - 2 : k + 1], -2)
-        apart = _parabola(flight.centre[k + 1 : k + 4], 1) - before
-        bend, slope, level = apart.T @ (change / np.linalg.norm(change))
+        first_parabola = _parabola(flight.centre[k - 2 : k + 1], -2)
+        difference = _parabola(flight.centre[k + 1 : k + 4], 1) - first_parabola
+        bend, slope, level = difference.T @ (change / np.linalg.norm(change))
         x = float(np.clip((time - start) / frame, 0, 1))
         for _ in range(20):  # Newton's method
             x -= (bend * x * x + slope * x + level) / ((2 * bend * x + slope) or 1.0)
-        if -_BESIDE <= x <= 1 + _BESIDE:
-            time, change = start + x * frame, (2 * apart[:, 0] * x + apart[:, 1]) / frame
-    body = flight.standing(k, time, others)
+        if -_MAX_FRAME_SHIFT <= x <= 1 + _MAX_FRAME_SHIFT:
+            time, change = start + x * frame, (2 * difference[:, 0] * x + difference[:, 1]) / frame
+    body = flight.extrapolate(k, time, others)
     return _Leap(flight=flight, frame=k, time=time, change=change, body=body)
 
 
@@ -281,7 +308,7 @@ def _parabola(points: Array, first: int) -> Array:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Touch:
+class _Contact:
     """A contact that was found; the impulse acts on `second`."""
 
     time: float
@@ -292,152 +319,164 @@ class _Touch:
     impulse: Array
 
 
-def _paired(scene: Scene, names: Sequence[str], leaps: Sequence[_Leap]) -> tuple[list[_Touch], int]:
+def _pair_leaps(
+    scene: Scene, names: Sequence[str], leaps: Sequence[_Leap]
+) -> tuple[list[_Contact], int]:
     """Return contacts for leaps, and the number of leaps that no contact explains."""
     open_leaps = sorted(leaps, key=lambda leap: -leap.flight.mass * np.linalg.norm(leap.change))
-    used: set[int] = set()
-    touches, lost = [], 0
+    used_ids: set[int] = set()
+    contacts, lost_count = [], 0
     for leap in open_leaps:
-        if id(leap) in used:
+        if id(leap) in used_ids:
             continue
-        used.add(id(leap))
-        touch = _touch_of(scene, names, leap, [e for e in leaps if id(e) not in used])
-        if touch is None:
-            lost += 1
+        used_ids.add(id(leap))
+        match = _explain_leap(scene, names, leap, [e for e in leaps if id(e) not in used_ids])
+        if match is None:
+            lost_count += 1
             continue
-        touches.append(touch[0])
-        used.add(id(touch[1]))
-    return touches, lost
+        contacts.append(match[0])
+        used_ids.add(id(match[1]))
+    return contacts, lost_count
 
 
-def _touch_of(
+def _explain_leap(
     scene: Scene, names: Sequence[str], leap: _Leap, others: Sequence[_Leap]
-) -> tuple[_Touch, _Leap | None] | None:
+) -> tuple[_Contact, _Leap | None] | None:
     """Return the contact that explains a leap best, and the leap that answers it, if any."""
     impulse = leap.flight.mass * leap.change
     # Of several hits between two frames one is found, farther from where the bodies met.
-    slack = max(_SLACK, float(np.linalg.norm(leap.change)) * leap.flight.frame)
+    slack = max(_SLACK_DISTANCE, float(np.linalg.norm(leap.change)) * leap.flight.frame)
     choices = []
-    for other, name in enumerate(names):
-        partner = _answer(leap, other, impulse, others)
-        moot = partner is None and _gives_way(scene.bodies[name], impulse)
-        if other == leap.flight.number or moot:
+    for number, name in enumerate(names):
+        partner = _find_answer(leap, number, impulse, others)
+        is_unmoved = partner is None and _would_leap(scene.bodies[name], impulse)
+        if number == leap.flight.number or is_unmoved:
             continue
-        its = scene.bodies[name] if partner is None else partner.body
-        found = nearest_places(leap.body, its, leap.time, slack)
-        if found is not None:
-            choices.append((found[0] - (partner is not None) * _CLOSE, other, found[1], partner))
+        other_body = scene.bodies[name] if partner is None else partner.body
+        nearest = find_nearest_places(leap.body, other_body, leap.time, slack)
+        if nearest is not None:
+            distance, place = nearest
+            if partner is not None:  # a body that leaps as well is preferred
+                distance -= _NEAR_DISTANCE
+            choices.append((distance, number, place, partner))
     if not choices:
         return None
-    _, other, place, partner = min(choices, key=lambda choice: choice[0])
+    _, number, place, partner = min(choices, key=lambda choice: choice[0])
     time = leap.time
     if partner is not None:
-        own, its = np.linalg.norm(leap.change), np.linalg.norm(partner.change)
-        time = (own * leap.time + its * partner.time) / (own + its)
-        if its > own:  # the lighter body tells it better
+        speed, other_speed = np.linalg.norm(leap.change), np.linalg.norm(partner.change)
+        time = (speed * leap.time + other_speed * partner.time) / (speed + other_speed)
+        if other_speed > speed:  # the impulse is more exact from the lighter body
             impulse = -partner.flight.mass * partner.change
-    touch = _Touch(
+    contact = _Contact(
         time=max(float(time), 0.0),
         dt=0.0,
-        first=other,
+        first=number,
         second=leap.flight.number,
         position=place,
         impulse=impulse,
     )
-    return touch, partner
+    return contact, partner
 
 
-def _answer(leap: _Leap, other: int, impulse: Array, leaps: Sequence[_Leap]) -> _Leap | None:
+def _find_answer(leap: _Leap, number: int, impulse: Array, leaps: Sequence[_Leap]) -> _Leap | None:
     """Return the simultaneous leap of another body that best balances the momentum of this one."""
-    best, least = None, _UNMATCHED
-    for each in leaps:
-        if each.flight.number != other or abs(each.frame - leap.frame) > 1:
+    best_leap, min_mismatch = None, _MAX_MISMATCH
+    for candidate in leaps:
+        if candidate.flight.number != number or abs(candidate.frame - leap.frame) > 1:
             continue
-        missed = impulse + each.flight.mass * each.change
-        share = float(np.linalg.norm(missed) / np.linalg.norm(impulse))
-        if share < least:
-            best, least = each, share
-    return best
+        imbalance = impulse + candidate.flight.mass * candidate.change
+        mismatch = float(np.linalg.norm(imbalance) / np.linalg.norm(impulse))
+        if mismatch < min_mismatch:
+            best_leap, min_mismatch = candidate, mismatch
+    return best_leap
 
 
-def _gives_way(body: Body, impulse: Array) -> bool:
+def _would_leap(body: Body, impulse: Array) -> bool:
     """Return whether a body would visibly leap under an impulse."""
     mass = body.model.mass
     if body.fixed or body.model.supported or mass is None:
         return False
-    return float(np.linalg.norm(impulse)) / mass > 2 * _QUIETEST
+    return float(np.linalg.norm(impulse)) / mass > 2 * _MIN_LEAP
 
 
-def nearest_places(
-    body: Body, other: Body, time: float, slack: float = _SLACK
+def find_nearest_places(
+    body: Body, other_body: Body, time: float, slack: float = _SLACK_DISTANCE
 ) -> tuple[float, Array] | None:
     """Return how far apart two bodies are, m, and where they are nearest, in the scene (3,).
 
     None where they are too far apart to touch, beyond a slack, m, or one has no surface.
     """
-    mine, its = body.model.geometry, other.model.geometry
+    body_mesh, other_mesh = body.model.geometry, other_body.model.geometry
     moment = np.array([time])
-    if mine is None or its is None:
+    if body_mesh is None or other_mesh is None:
         return None
-    reach = max(_CLOSE, _NEAR * min(mine.extent, its.extent)) + slack
+    reach = max(_NEAR_DISTANCE, _NEAR_RATIO * min(body_mesh.extent, other_mesh.extent)) + slack
     pairs = []
-    for one, two, mesh, target in ((body, other, mine, its), (other, body, its, mine)):
+    for one, two, mesh, target in (
+        (body, other_body, body_mesh, other_mesh),
+        (other_body, body, other_mesh, body_mesh),
+    ):
         points = np.concatenate([mesh.points, mesh.centroids])
-        placed = _placed(one, moment, points)
-        seen = _in_body(two, moment, placed)
-        box = _near(target, seen, reach)
-        if not len(box):
+        scene_points = _to_scene(one, moment, points)
+        local_points = _to_body(two, moment, scene_points)
+        rows = _find_near(target, local_points, reach)
+        if not len(rows):
             continue
-        apart, _, at = target.locator.closest(seen[box])
-        pairs.append((apart, placed[box], _placed(two, moment, at)))
+        distances, _, at = target.locator.closest(local_points[rows])
+        pairs.append((distances, scene_points[rows], _to_scene(two, moment, at)))
     if not pairs:
         return None
-    apart = np.concatenate([each[0] for each in pairs])
-    middles = np.concatenate([(each[1] + each[2]) / 2 for each in pairs])
-    near = apart <= apart.min() + _TIE
-    place = _between(body, other, moment, middles[near].mean(axis=0))
-    distance = float(apart.min())
+    distances = np.concatenate([part[0] for part in pairs])
+    midpoints = np.concatenate([(part[1] + part[2]) / 2 for part in pairs])
+    is_near = distances <= distances.min() + _TIE_DISTANCE
+    place = _find_midpoint(body, other_body, moment, midpoints[is_near].mean(axis=0))
+    distance = float(distances.min())
     return (distance, place) if distance <= reach else None
 
 
-def _near(mesh: Mesh, points: Array, reach: float) -> Index:
+def _find_near(mesh: Mesh, points: Array, reach: float) -> Index:
     """Return which points (n, 3) lie in the box of a mesh, or near it."""
     low, high = mesh.bounds
     return np.flatnonzero(((points > low - reach) & (points < high + reach)).all(axis=1))
 
 
-def _between(body: Body, other: Body, moment: Array, place: Array) -> Array:
+def _find_midpoint(body: Body, other_body: Body, moment: Array, place: Array) -> Array:
     """Return the place between two surfaces that is nearest to both, from one near it."""
     ends = [place, place]
     for _ in range(_ROUNDS):
-        for side, one in enumerate((body, other)):
+        for side, one in enumerate((body, other_body)):
             mesh = one.model.geometry
             if mesh is not None:
-                near = mesh.locator.closest(_in_body(one, moment, ends[1 - side][None]))[2]
-                ends[side] = _placed(one, moment, near)[0]
+                nearest_points = mesh.locator.closest(_to_body(one, moment, ends[1 - side][None]))[
+                    2
+                ]
+                ends[side] = _to_scene(one, moment, nearest_points)[0]
     return (ends[0] + ends[1]) / 2
 
 
-def _placed(body: Body, moment: Array, points: Array) -> Array:
+def _to_scene(body: Body, moment: Array, points: Array) -> Array:
     """Return points (n, 3) of a body's coordinates in the scene at one time."""
     return body.origin.at(moment) + points @ body.orientation.at(moment)[0].T
 
 
-def _in_body(body: Body, moment: Array, places: Array) -> Array:
-    return seen_from(body, np.broadcast_to(moment, len(places)), places, places)[0]
+def _to_body(body: Body, moment: Array, points: Array) -> Array:
+    return seen_from(body, np.broadcast_to(moment, len(points)), points, points)[0]
 
 
-def _carried(scene: Scene, names: Sequence[str], flight: _Flight, bent: Array) -> Sequence[_Touch]:
+def _find_carried(
+    scene: Scene, names: Sequence[str], flight: _Flight, bent: Array
+) -> Sequence[_Contact]:
     """Return the frames in which another body carries this one."""
     frame, gravity = flight.frame, float(np.linalg.norm(scene.gravity))
-    loads = np.linalg.norm(bent, axis=1) > _CARRIED * gravity * frame**2
+    loads = np.linalg.norm(bent, axis=1) > _CARRIED_RATIO * gravity * frame**2
     rows, last = [], None
     for k in np.flatnonzero(loads).tolist():
         # A body that is hit often is a little off what bears it in most frames.
         last = _bearer(scene, names, flight, k, last, float(np.linalg.norm(bent[k])))
         if last is not None:
             rows.append(
-                _Touch(
+                _Contact(
                     time=float(flight.times[k]) - frame / 2,
                     dt=frame,
                     first=last[0],
@@ -460,20 +499,20 @@ def _bearer(
     """Return which body carries another in a frame, the last one first asked, and where."""
     time = float(flight.times[k])
     order = ([last[0]] if last else []) + [n for n in range(len(names)) if not last or n != last[0]]
-    for other in order:
-        if other == flight.number:
+    for number in order:
+        if number == flight.number:
             continue
-        found = nearest_places(flight.body, scene.bodies[names[other]], time)
-        if found is not None and found[0] < _CLOSE + slack:
-            return other, found[1]
+        proximity = find_nearest_places(flight.body, scene.bodies[names[number]], time)
+        if proximity is not None and proximity[0] < _NEAR_DISTANCE + slack:
+            return number, proximity[1]
     return None
 
 
-def _log(motion: Contacts, touches: Sequence[_Touch], notes: tuple[str, ...]) -> Contacts:
-    ordered = sorted(touches, key=lambda touch: touch.time)
+def _log(motion: Contacts, contacts: Sequence[_Contact], notes: tuple[str, ...]) -> Contacts:
+    ordered_contacts = sorted(contacts, key=lambda touch: touch.time)
 
     def column(name: str, width: int = 0) -> Array:
-        values = [getattr(each, name) for each in ordered]
+        values = [getattr(contact, name) for contact in ordered_contacts]
         return np.array(values, np.float64).reshape((-1, width) if width else -1)
 
     return Contacts(

@@ -126,29 +126,29 @@ _PER_BODY, _PER_VOICE, _LEVELS = len(BodyColumn), len(Voice), len(Level)
 
 def rows_for(points: int) -> int:
     """Return how many output rows the core needs for this number of outputs."""
-    most = OUTPUTS[-1]
-    return next((n for n in OUTPUTS if n >= points), -(-points // most) * most)
+    max_outputs = OUTPUTS[-1]
+    return next((n for n in OUTPUTS if n >= points), -(-points // max_outputs) * max_outputs)
 
 
-def laid_out(
+def lay_out(
     counts: tuple[int, ...], *, points: int, voices: int, block: int
 ) -> tuple[Array, Index]:
     """Return real and whole numbers for bodies of these numbers of modes, zero but for sizes."""
-    padded = [_lines(count) for count in counts]
+    padded_counts = [_lines(count) for count in counts]
     sizes = (
         len(counts),
-        _row(sum(padded)),
+        _row(sum(padded_counts)),
         rows_for(points),
         voices + 1,
-        _row(max(padded, default=0)),
+        _row(max(padded_counts, default=0)),
         block,
     )
     bodies, modes, rows, slots, width, _ = sizes
     wholes = np.zeros(_HEADER + bodies * _PER_BODY + slots * _PER_VOICE, np.int64)
     wholes[: len(sizes)] = sizes
     table = wholes[_HEADER : _HEADER + bodies * _PER_BODY].reshape(bodies, _PER_BODY)
-    ends = np.cumsum(padded)
-    table[:, BodyColumn.FIRST], table[:, BodyColumn.LAST] = ends - padded, ends
+    ends = np.cumsum(padded_counts)
+    table[:, BodyColumn.FIRST], table[:, BodyColumn.LAST] = ends - padded_counts, ends
     reals = (
         (_PER_MODE + _PER_OUTPUT * rows) * modes
         + _PER_DRIVE * slots * width
@@ -158,10 +158,10 @@ def laid_out(
         + _LEVELS
         + bodies
     )
-    return aligned(reals, np.float64), wholes
+    return allocate_aligned(reals, np.float64), wholes
 
 
-def seen(reals: Array, wholes: Index) -> Memory:
+def view_memory(reals: Array, wholes: Index) -> Memory:
     """Return the arrays that lie in a scene's real and whole numbers."""
     bodies, modes, rows = wholes[_BODIES], wholes[_MODES], wholes[_ROWS]
     slots, width, block = wholes[_VOICES], wholes[_WIDTH], wholes[_BLOCK]
@@ -201,7 +201,7 @@ def _lines(count: int) -> int:
     return -(-count // _LINE) * _LINE
 
 
-def aligned(count: int, kind: type) -> AnyArray:
+def allocate_aligned(count: int, kind: type) -> AnyArray:
     """Return zeros (count,) that begin on a cache line of 64 bytes."""
     raw = np.zeros(count + 16, kind)
     start = -raw.ctypes.data % 64 // raw.itemsize

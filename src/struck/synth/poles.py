@@ -14,9 +14,9 @@ from struck.excitation.excitation import Push
 from struck.model.arrays import AnyArray, Array, Complex, numbers, require_number
 from struck.model.recoil import Recoil
 
-LOWEST_RATE, HIGHEST_RATE = 8_000, 192_000  # Hz
-LONGEST_BLOCK = 4096
-STRONGEST = 1e9  # N, force of a sample
+MIN_RATE, MAX_RATE = 8_000, 192_000  # Hz
+MAX_BLOCK = 4096
+MAX_FORCE = 1e9  # N, force of a sample
 
 
 @runtime_checkable
@@ -40,8 +40,8 @@ def with_recoil(
     """Return outputs (K, M) at distances (K,), m, with the outputs of recoil, if any."""
     if recoil is None:
         return outputs
-    more = recoil.outputs(sample_rate) / distances[:, None]
-    return np.concatenate([outputs, more], axis=1)
+    recoil_outputs = recoil.outputs(sample_rate) / distances[:, None]
+    return np.concatenate([outputs, recoil_outputs], axis=1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -70,16 +70,16 @@ class Poles:
             )
         _require("frequencies", frequencies, above=True)
         _require("decays", decays, above=False)
-        kept = frequencies < sample_rate / 2
-        values = np.where(kept, -decays + 2j * np.pi * frequencies, 0)
+        is_below_nyquist = frequencies < sample_rate / 2
+        values = np.where(is_below_nyquist, -decays + 2j * np.pi * frequencies, 0)
         if recoil is not None:
             values = np.concatenate([values, recoil.poles(sample_rate)])
         return cls(values=values, recoils=recoil is not None)
 
-    def raised(self, more: Array) -> Complex:
+    def raised(self, rises: Array) -> Complex:
         """Return the poles with the decays of modes raised by `more`, 1/s (M,)."""
         values = self.values.copy()
-        values[: self.modes] -= (values[: self.modes] != 0) * more
+        values[: self.modes] -= (values[: self.modes] != 0) * rises
         return values
 
     @property
@@ -89,9 +89,9 @@ class Poles:
 
     def steady(self, logarithms: Complex, sample_rate: float) -> Complex:
         """Return the states of modes under a constant unit force, 0 for recoil."""
-        held = held_states(logarithms, sample_rate)
-        held[self.modes :] = 0
-        return held
+        states = held_states(logarithms, sample_rate)
+        states[self.modes :] = 0
+        return states
 
     def require_size(self, values: NDArray[np.generic], what: str) -> None:
         """Check that there is an entry for each mode (..., M), or for each pole."""
@@ -101,10 +101,10 @@ class Poles:
                 "each"
             )
 
-    def require_same(self, other: Poles) -> None:
+    def require_same(self, changed_poles: Poles) -> None:
         """Check that a body can go on with other poles: as many modes, and recoil as before."""
-        self.require_size(other.values[: other.modes], "the changed model")
-        if len(other.values) != len(self.values):
+        self.require_size(changed_poles.values[: changed_poles.modes], "the changed model")
+        if len(changed_poles.values) != len(self.values):
             raise OptionError(
                 "of the body and the changed model one has recoil, the other none: analyze both "
                 "with recoil=True or False"
@@ -120,31 +120,31 @@ class Poles:
 
 def held_states(logarithms: Complex, sample_rate: float) -> Complex:
     """Return the states of modes under a constant unit force (M,), by their factors' logarithms."""
-    away = -np.expm1(logarithms) * sample_rate
-    return np.divide(1, away, out=np.zeros_like(away), where=logarithms != 0)
+    denominators = -np.expm1(logarithms) * sample_rate
+    return np.divide(1, denominators, out=np.zeros_like(denominators), where=logarithms != 0)
 
 
 def _require(name: str, values: Array, *, above: bool) -> None:
-    wrong = ~(np.isfinite(values) & ((values > 0) if above else (values >= 0)))
-    if wrong.any():
-        worst, bound = values[wrong][0], "above 0" if above else "at least 0"
+    is_invalid = ~(np.isfinite(values) & ((values > 0) if above else (values >= 0)))
+    if is_invalid.any():
+        value, limit = values[is_invalid][0], "above 0" if above else "at least 0"
         raise OptionError(
-            f"{np.count_nonzero(wrong)} of {len(values)} {name} are not finite and {bound}, the "
-            f"first {worst}: mend the model"
+            f"{np.count_nonzero(is_invalid)} of {len(values)} {name} are not finite and {limit}, "
+            f"the first {value}: mend the model"
         )
 
 
 def require_session(sample_rate: float, block: int, points: int) -> None:
     """Check sample rate, block and points of a session; OptionError if out of bounds."""
-    if not LOWEST_RATE <= sample_rate <= HIGHEST_RATE:
+    if not MIN_RATE <= sample_rate <= MAX_RATE:
         raise OptionError(f"sample_rate is {sample_rate}: it must lie from 8000 to 192000 Hz")
-    if not 1 <= block <= LONGEST_BLOCK:
-        raise OptionError(f"block is {block}: it must lie from 1 to {LONGEST_BLOCK} samples")
-    wanted = "each body needs at least one output"
-    require_number("points", points, 1, _MOST, whole=True, hint=wanted)
+    if not 1 <= block <= MAX_BLOCK:
+        raise OptionError(f"block is {block}: it must lie from 1 to {MAX_BLOCK} samples")
+    hint = "each body needs at least one output"
+    require_number("points", points, 1, _MAX_COUNT, whole=True, hint=hint)
 
 
-_MOST = 65_536  # outputs of a body, and pushes in a block
+_MAX_COUNT = 65_536  # outputs of a body, and pushes in a block
 
 Key = tuple[int, int]  # body and voice
 
@@ -159,7 +159,7 @@ def require_pushes(
     """Return force and drive by body and voice; OptionError on bad ones."""
     # A drive that is the very array of the `last` block need not be looked at again.
     drives: dict[Key, Array] = {}
-    fresh = []
+    new_drives = []
     for push in pushes:
         if not isinstance(push, Push):
             raise OptionError(f"a push is {article(type(push).__name__)}: give a Push")
@@ -171,23 +171,27 @@ def require_pushes(
         drive = push.drive
         if key not in last or drive is not last[key][1]:
             drive = _drive(push, poles[push.body])
-            fresh.append(drive)
+            new_drives.append(drive)
         drives[key] = drive
     if len(drives) > voices:
         raise OptionError(
             f"there are {len(drives)} pushes in a block, more than {voices}: add up forces on the "
             "same place, or give more voices="
         )
-    if fresh and not _add_up(fresh, np.inf) and not all(map(np.all, map(np.isfinite, fresh))):
+    if (
+        new_drives
+        and not _add_up(new_drives, np.inf)
+        and not all(map(np.all, map(np.isfinite, new_drives)))
+    ):
         raise OptionError("a drive is not finite: look at the model's gains")
     forces = _forces(pushes, block)
     return dict(zip(drives, zip(forces, drives.values(), strict=True), strict=True))
 
 
-def _add_up(arrays: Sequence[Array], most: float) -> bool:
+def _add_up(arrays: Sequence[Array], limit: float) -> bool:
     """Return whether the sum of all squares lies below a bound, which clears most arguments."""
-    every = np.concatenate(arrays)
-    return bool(np.vdot(every, every) < most)
+    values = np.concatenate(arrays)
+    return bool(np.vdot(values, values) < limit)
 
 
 def _forces(pushes: Sequence[Push], block: int) -> list[Array]:
@@ -196,12 +200,12 @@ def _forces(pushes: Sequence[Push], block: int) -> list[Array]:
     for force in forces:
         if force.shape != (block,):
             raise OptionError(f"a force has shape {force.shape}: give {block} samples")
-    if forces and not _add_up(forces, STRONGEST**2):
+    if forces and not _add_up(forces, MAX_FORCE**2):
         for reach in (float(np.abs(force).max()) for force in forces):
-            if not reach <= STRONGEST:
+            if not reach <= MAX_FORCE:
                 raise OptionError(
                     f"a force reaches {rounded(reach)} N: it must be finite and at most "
-                    f"{rounded(STRONGEST)} N"
+                    f"{rounded(MAX_FORCE)} N"
                 )
     return forces
 
@@ -244,6 +248,6 @@ def _output(output: NDArray[np.generic], poles: Poles, points: int) -> Complex:
 def voices_for(bodies: int, voices: int | None) -> int:
     """Return how many pushes there may be in a block."""
     if voices is not None:
-        wanted = "there must be room for at least one push"
-        require_number("voices", voices, 1, _MOST, whole=True, hint=wanted)
+        hint = "there must be room for at least one push"
+        require_number("voices", voices, 1, _MAX_COUNT, whole=True, hint=hint)
     return max(16, 4 * bodies) if voices is None else voices

@@ -22,78 +22,85 @@ class Tabled:
     def __init__(self, poles: Poles, *, points: int, block: int, sample_rate: float) -> None:
         self._size, self._rate = block, sample_rate
         self.outputs: Complex = np.zeros((points, len(poles.values)), np.complex128)
-        self._fade = np.arange(1, block + 1) / block
+        self._ramp = np.arange(1, block + 1) / block
         self._begin(poles)
-        self._held_before = self._held
+        self._last_steady_states = self._steady_states
         # z c: what the first sample of the next block finds.
-        self._ahead = np.zeros(len(poles.values), np.complex128)
+        self._next_states = np.zeros(len(poles.values), np.complex128)
 
     @property
     def states(self) -> Complex:
         """State c of each mode after the last block (M,)."""
-        return self._ahead / np.exp(self._logs)
+        return self._next_states / np.exp(self._logs)
 
     def take(self, poles: Poles) -> None:
         """Replace the poles; the states of the modes stay."""
         states = self.states
         self._begin(poles)
-        self._ahead = states * self._powers[1]
-        self._held_before = self._held_before * (self._logs != 0)
+        self._next_states = states * self._powers[1]
+        self._last_steady_states = self._last_steady_states * (self._logs != 0)
 
     def _begin(self, poles: Poles) -> None:
         self._logs = poles.values / self._rate
-        kept = self._logs != 0
-        self._powers = np.exp(np.outer(np.arange(self._size + 1), self._logs)) * kept
-        self._held = held_states(self._logs, self._rate)
+        is_below_nyquist = self._logs != 0
+        self._powers = np.exp(np.outer(np.arange(self._size + 1), self._logs)) * is_below_nyquist
+        self._steady_states = held_states(self._logs, self._rate)
 
-    def next_block(self, pieces: Sequence[Piece], wanted: Complex | None) -> Array:
+    def next_block(self, pieces: Sequence[Piece], new_outputs: Complex | None) -> Array:
         """Return the next samples (points, block), with the outputs wanted at its end."""
-        before, after = self.outputs, self.outputs if wanted is None else wanted
-        pushes = list(_constant(pieces, self._fade))
-        samples = self._heard(before, pushes)
-        if wanted is not None:
-            samples = samples + self._fade * (self._heard(after, pushes) - samples)
-        samples = sum((self._direct(before, after, piece) for piece in pieces), samples)
+        start_outputs, end_outputs = (
+            self.outputs,
+            self.outputs if new_outputs is None else new_outputs,
+        )
+        pushes = list(_split_pieces(pieces, self._ramp))
+        samples = self._sound_states(start_outputs, pushes)
+        if new_outputs is not None:
+            samples = samples + self._ramp * (self._sound_states(end_outputs, pushes) - samples)
+        samples = sum(
+            (self._direct(start_outputs, end_outputs, piece) for piece in pieces), samples
+        )
         self._advance(pushes)
-        self.outputs, self._held_before = after, self._held
+        self.outputs, self._last_steady_states = end_outputs, self._steady_states
         return samples
 
-    def _heard(self, outputs: Complex, pushes: Sequence[tuple[Array, Array]]) -> Array:
+    def _sound_states(self, outputs: Complex, pushes: Sequence[tuple[Array, Array]]) -> Array:
         """Return the sound of the states and of the forces within their block (points, block)."""
-        rung = np.imag(outputs @ (self._powers[:-1] * self._ahead).T)
-        return sum((self._answered(outputs, *push) for push in pushes), rung)
+        ringing = np.imag(outputs @ (self._powers[:-1] * self._next_states).T)
+        return sum((self._convolve_force(outputs, *push) for push in pushes), ringing)
 
-    def _answered(self, outputs: Complex, force: Array, drive: Array) -> Array:
-        answers: Array = np.imag(outputs @ (self._powers[:-1] * drive).T) / self._rate
-        heard = [np.convolve(force, answer)[: self._size] for answer in answers]
-        return np.array(heard, dtype=np.float64)
+    def _convolve_force(self, outputs: Complex, force: Array, drive: Array) -> Array:
+        responses: Array = np.imag(outputs @ (self._powers[:-1] * drive).T) / self._rate
+        parts = [np.convolve(force, answer)[: self._size] for answer in responses]
+        return np.array(parts, dtype=np.float64)
 
-    def _direct(self, before: Complex, after: Complex, piece: Piece) -> Array:
+    def _direct(self, start_outputs: Complex, end_outputs: Complex, piece: Piece) -> Array:
         """Return the direct part of a force, which cancels its steady output (points, block)."""
-        force, begin, end = piece
-        first = _ended(before, begin, self._held_before)
-        last = _ended(after, end, self._held)
-        return (first[:, None] + np.outer(last - first, self._fade)) * force
+        force, start_drive, end_drive = piece
+        first = _steady_output(start_outputs, start_drive, self._last_steady_states)
+        last = _steady_output(end_outputs, end_drive, self._steady_states)
+        return (first[:, None] + np.outer(last - first, self._ramp)) * force
 
     def _advance(self, pushes: Sequence[tuple[Array, Array]]) -> None:
-        self._ahead = self._ahead * self._powers[-1]
+        self._next_states = self._next_states * self._powers[-1]
         for force, drive in pushes:
-            self._ahead = self._ahead + drive * (force[::-1] @ self._powers[1:]) / self._rate
+            self._next_states = (
+                self._next_states + drive * (force[::-1] @ self._powers[1:]) / self._rate
+            )
 
 
-def _ended(outputs: Complex, drive: Array, held: Complex) -> Array:
+def _steady_output(outputs: Complex, drive: Array, states: Complex) -> Array:
     """Return minus the steady output under a constant unit force (points,)."""
-    return -np.imag(outputs @ (held * drive))
+    return -np.imag(outputs @ (states * drive))
 
 
-def _constant(pieces: Sequence[Piece], fade: Array) -> Iterator[tuple[Array, Array]]:
+def _split_pieces(pieces: Sequence[Piece], ramp: Array) -> Iterator[tuple[Array, Array]]:
     """Yield forces with drives that do not change within the block."""
-    for force, begin, end in pieces:
-        if begin is end:
-            yield force, begin
+    for force, start_drive, end_drive in pieces:
+        if start_drive is end_drive:
+            yield force, start_drive
         else:
-            yield force * (1 - fade), begin
-            yield force * fade, end
+            yield force * (1 - ramp), start_drive
+            yield force * ramp, end_drive
 
 
 class Tables:
@@ -114,7 +121,7 @@ class Tables:
     ) -> None:
         del voices, quiet
         options = {"points": points, "block": block, "sample_rate": sample_rate}
-        self._bodies = [Tabled(each, **options) for each in poles]
+        self._bodies = [Tabled(body_poles, **options) for body_poles in poles]
         self._drives: dict[Key, Array] = {}
         self._first = True
         self.asleep = np.zeros(len(poles), np.bool_)
@@ -137,8 +144,8 @@ class Tables:
             self._first = False
         return np.stack(
             [
-                body.next_block(some, outputs.get(number))
-                for number, (body, some) in enumerate(zip(self._bodies, pieces, strict=True))
+                body.next_block(body_pieces, outputs.get(number))
+                for number, (body, body_pieces) in enumerate(zip(self._bodies, pieces, strict=True))
             ]
         )
 

@@ -11,7 +11,7 @@ from struck.core import compiled, entry
 from struck.errors import OptionError
 from struck.excitation.excitation import Push
 from struck.model.arrays import Array, Complex, checked, require_number
-from struck.synth.memory import BodyColumn, Drive, Level, Mode, Output, Voice, laid_out, seen
+from struck.synth.memory import BodyColumn, Drive, Level, Mode, Output, Voice, lay_out, view_memory
 from struck.synth.poles import (
     Key,
     Poles,
@@ -23,7 +23,7 @@ from struck.synth.poles import (
 )
 from struck.synth.reference import Tables
 
-QUIET = 1e-6  # of its loudest, below which a body may fall asleep: -120 dB
+QUIET_RATIO = 1e-6  # of its loudest, below which a body may fall asleep: -120 dB
 
 
 class Stepped:
@@ -37,13 +37,13 @@ class Stepped:
         block: int,
         voices: int,
         sample_rate: float,
-        quiet: float = QUIET,
+        quiet: float = QUIET_RATIO,
     ) -> None:
-        self._counts = [len(each.values) for each in poles]
+        self._counts = [len(body_poles.values) for body_poles in poles]
         self._points, self._rate = points, sample_rate
         sizes = {"points": points, "voices": voices, "block": block}
-        self._reals, self._wholes = laid_out(tuple(self._counts), **sizes)
-        self.memory = seen(self._reals, self._wholes)
+        self._reals, self._wholes = lay_out(tuple(self._counts), **sizes)
+        self.memory = view_memory(self._reals, self._wholes)
         self.memory.levels[Level.RATE], self.memory.levels[Level.QUIET] = sample_rate, quiet
         self._first = True
         self._forces = list(self.memory.forces)
@@ -54,8 +54,8 @@ class Stepped:
         self._places = self._reals.ctypes.data, self._wholes.ctypes.data
         core = (compiled(f"bank_{name}") for name in ("make_block", "settle", "refresh", "stand"))
         self._make_block, self._settle, self._refresh, self._stand = core
-        for body, each in enumerate(poles):
-            self.take_poles(body, each)
+        for body, body_poles in enumerate(poles):
+            self.take_poles(body, body_poles)
 
     @property
     def numbers(self) -> tuple[Array, NDArray[np.int64]]:
@@ -181,7 +181,7 @@ class Resonators:
         block: int = 128,
         points: int = 1,
         voices: int | None = None,
-        quiet: float = QUIET,
+        quiet: float = QUIET_RATIO,
     ) -> None:
         require_session(sample_rate, block, points)
         if not len(models):

@@ -53,9 +53,9 @@ def ring_down(
         return samples
     poles = -np.asarray(decays) + 2j * np.pi * np.asarray(frequencies)
     for first in range(0, len(poles), _MODES_AT_ONCE):
-        some = slice(first, first + _MODES_AT_ONCE)
-        _add_pushes(samples, poles[some], pulses, some, sample_rate)
-        _add_ringing(samples, poles[some], pulses, some, sample_rate)
+        modes = slice(first, first + _MODES_AT_ONCE)
+        _add_pushes(samples, poles[modes], pulses, modes, sample_rate)
+        _add_ringing(samples, poles[modes], pulses, modes, sample_rate)
     return samples
 
 
@@ -63,10 +63,10 @@ def pushed(poles: Complex, elapsed: Array | float, duration: float) -> Complex:
     """Return c(t) of modes under a half-sine push of unit area, `elapsed` s after it began."""
     # The sine is split into exp(i w u) and exp(-i w u), so that each integral is a divided
     # difference of exp: no cancellation where s is close to i w.
-    turn = 1j * np.pi / duration
-    rising = np.exp(turn * elapsed) * _growth((poles - turn) * elapsed)
-    falling = np.exp(-turn * elapsed) * _growth((poles + turn) * elapsed)
-    return turn / -4 * elapsed * (rising - falling)
+    sine_pole = 1j * np.pi / duration
+    rising = np.exp(sine_pole * elapsed) * _growth((poles - sine_pole) * elapsed)
+    falling = np.exp(-sine_pole * elapsed) * _growth((poles + sine_pole) * elapsed)
+    return sine_pole / -4 * elapsed * (rising - falling)
 
 
 def half_sine(elapsed: Array, duration: float) -> Array:
@@ -96,11 +96,11 @@ def _add_pushes(
     for pulse in pulses:
         first = _first_sample(pulse.onset, sample_rate)
         last = min(_first_sample(pulse.release, sample_rate), len(samples))
-        for some in _blocks(first, last, max(1, _VALUES_AT_ONCE // len(poles))):
-            elapsed = np.arange(some.start, some.stop) / sample_rate - pulse.onset
+        for rows in _blocks(first, last, max(1, _VALUES_AT_ONCE // len(poles))):
+            elapsed = np.arange(rows.start, rows.stop) / sample_rate - pulse.onset
             states = pushed(poles, elapsed[:, None], pulse.duration)
             moving = states + half_sine(elapsed, pulse.duration)[:, None] / poles
-            samples[some] += (moving @ pulse.gains[modes]).imag
+            samples[rows] += (moving @ pulse.gains[modes]).imag
 
 
 def _blocks(first: int, last: int, size: int) -> Iterator[slice]:
@@ -112,19 +112,19 @@ def _add_ringing(
     samples: Array, poles: Complex, pulses: Sequence[Pulse], modes: slice, sample_rate: float
 ) -> None:
     """Carry one state through all releases and let it ring freely between them."""
-    ordered = sorted(pulses, key=lambda pulse: pulse.release)
-    starts = [_first_sample(pulse.release, sample_rate) for pulse in ordered]
-    stops = [min(start, len(samples)) for start in starts[1:]] + [len(samples)]
-    state, now = np.zeros_like(poles), 0.0
-    for pulse, start, stop in zip(ordered, starts, stops, strict=True):
+    ordered_pulses = sorted(pulses, key=lambda pulse: pulse.release)
+    start_samples = [_first_sample(pulse.release, sample_rate) for pulse in ordered_pulses]
+    stops = [min(start, len(samples)) for start in start_samples[1:]] + [len(samples)]
+    state, state_time = np.zeros_like(poles), 0.0
+    for pulse, start, end in zip(ordered_pulses, start_samples, stops, strict=True):
         if start >= len(samples):
             break
-        begin = start / sample_rate
-        fresh = pulse.gains[modes] * released(poles, pulse.duration)
-        state = state * np.exp(poles * (begin - now))
-        state = state + fresh * np.exp(poles * (begin - pulse.release))
-        now = begin
-        samples[start:stop] += _ring(state, poles, stop - start, sample_rate)
+        start_time = start / sample_rate
+        release_states = pulse.gains[modes] * released(poles, pulse.duration)
+        state = state * np.exp(poles * (start_time - state_time))
+        state = state + release_states * np.exp(poles * (start_time - pulse.release))
+        state_time = start_time
+        samples[start:end] += _ring(state, poles, end - start, sample_rate)
 
 
 def _ring(state: Complex, poles: Complex, length: int, sample_rate: float) -> Array:

@@ -25,7 +25,7 @@ from struck.scene.engines.links import PART, file_coordinates, touches, triangle
 if TYPE_CHECKING:
     import mujoco
 
-FULL = 0.9  # of the hull's volume: meshes that fill more of it are convex enough
+CONVEX_RATIO = 0.9  # of the hull's volume: meshes that fill more of it are convex enough
 _CONCAVITY = 0.05  # CoACD's threshold
 _SEED = 1
 
@@ -40,7 +40,7 @@ class ConvexParts:
 PARTS = holding("convex parts", ConvexParts, Mesh)
 
 
-def concave(mesh: Mesh) -> bool:
+def is_concave(mesh: Mesh) -> bool:
     """Return whether a closed mesh fills clearly less than its convex hull."""
     from scipy.spatial import ConvexHull, QhullError
 
@@ -48,7 +48,7 @@ def concave(mesh: Mesh) -> bool:
         hull = ConvexHull(mesh.points[np.unique(mesh.faces)]).volume
     except QhullError:  # flat
         return False
-    return 0 < abs(mesh.volume) < FULL * hull
+    return 0 < abs(mesh.volume) < CONVEX_RATIO * hull
 
 
 def convex_parts(mesh: Mesh, stages: Stages) -> Sequence[Mesh]:
@@ -62,12 +62,12 @@ def convex_parts(mesh: Mesh, stages: Stages) -> Sequence[Mesh]:
                 'meshes are cut into convex parts by CoACD: pip install "struck[sim]"'
             ) from None
         coacd.set_log_level("error")
-        found = coacd.run_coacd(
+        hulls = coacd.run_coacd(
             coacd.Mesh(np.array(mesh.points), np.array(mesh.faces, np.int32)),
             threshold=_CONCAVITY,
             seed=_SEED,
         )
-        parts = (Mesh(points=np.array(p, float), faces=np.array(f, np.int64)) for p, f in found)
+        parts = (Mesh(points=np.array(p, float), faces=np.array(f, np.int64)) for p, f in hulls)
         return ConvexParts(parts=tuple(parts))
 
     inputs = {"mesh": mesh, "threshold": _CONCAVITY, "coacd": _version()}
@@ -78,16 +78,24 @@ def cut(spec: mujoco.MjSpec, model: mujoco.MjModel, stages: Stages) -> list[str]
     """Let concave meshes of a specification collide as their convex parts; return notes."""
     notes = []
     for geom in range(model.ngeom):
-        if model.geom_dataid[geom] < 0 or not touches(model, geom) or _fitted(model, geom):
+        if (
+            model.geom_dataid[geom] < 0
+            or not touches(model, geom)
+            or _is_primitive_fit(model, geom)
+        ):
             continue
-        whole = spec.geom(model.geom(geom).name)
+        original_geom = spec.geom(model.geom(geom).name)
         points, faces = triangles(model, geom)
         points = file_coordinates(model, geom).apply(points)
         mesh = Mesh(points=points, faces=faces)
-        if concave(mesh):
+        if is_concave(mesh):
             parts = convex_parts(mesh, stages)
-            _replace(spec, whole, parts)
-            name = whole.name if whole.parent.name == "world" else whole.parent.name
+            _replace(spec, original_geom, parts)
+            name = (
+                original_geom.name
+                if original_geom.parent.name == "world"
+                else original_geom.parent.name
+            )
             notes.append(
                 f"{name!r} is concave and collides as {len(parts)} convex parts; "
                 'convex="hull" lets it collide as its hull'
@@ -95,23 +103,28 @@ def cut(spec: mujoco.MjSpec, model: mujoco.MjModel, stages: Stages) -> list[str]
     return notes
 
 
-def _replace(spec: mujoco.MjSpec, whole: mujoco.MjsGeom, parts: Sequence[Mesh]) -> None:
+def _replace(spec: mujoco.MjSpec, original_geom: mujoco.MjsGeom, parts: Sequence[Mesh]) -> None:
     """Add parts that collide in place of a geom, which goes on to be seen and to weigh."""
     for number, part in enumerate(parts):
-        name = f"{whole.name}{PART}{number}"
+        name = f"{original_geom.name}{PART}{number}"
         points, faces = part.points.ravel(), part.faces.ravel()
         spec.add_mesh(name=name, uservert=points, userface=faces.astype(np.int32))
-        geom = whole.parent.add_geom(
-            name=name, type=whole.type, meshname=name, mass=0.0, pos=whole.pos, quat=whole.quat
+        geom = original_geom.parent.add_geom(
+            name=name,
+            type=original_geom.type,
+            meshname=name,
+            mass=0.0,
+            pos=original_geom.pos,
+            quat=original_geom.quat,
         )
-        for own in ("contype", "conaffinity", "condim", "priority", "friction", "solmix"):
-            setattr(geom, own, getattr(whole, own))
-        for own in ("solref", "solimp", "margin", "gap", "group", "rgba", "material"):
-            setattr(geom, own, getattr(whole, own))
-    whole.contype = whole.conaffinity = 0
+        for attribute in ("contype", "conaffinity", "condim", "priority", "friction", "solmix"):
+            setattr(geom, attribute, getattr(original_geom, attribute))
+        for attribute in ("solref", "solimp", "margin", "gap", "group", "rgba", "material"):
+            setattr(geom, attribute, getattr(original_geom, attribute))
+    original_geom.contype = original_geom.conaffinity = 0
 
 
-def _fitted(model: mujoco.MjModel, geom: int) -> bool:
+def _is_primitive_fit(model: mujoco.MjModel, geom: int) -> bool:
     """Return whether a mesh was only there to fit a primitive to."""
     import mujoco
 

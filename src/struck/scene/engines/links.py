@@ -36,27 +36,27 @@ class Placement:
     """Where one system of coordinates is in another."""
 
     offset: Array  # (3,): its origin, m
-    turn: Rotation
+    rotation: Rotation
 
     def within(self, outer: Placement) -> Placement:
         """Return this placement in the parent coordinates of the placement `outer`."""
-        moved = outer.offset + outer.turn.apply(self.offset)
-        return Placement(offset=moved, turn=outer.turn * self.turn)
+        offset = outer.offset + outer.rotation.apply(self.offset)
+        return Placement(offset=offset, rotation=outer.rotation * self.rotation)
 
-    def carried(self, places: Array, quaternions: Array) -> tuple[Array, Array]:
+    def carried(self, positions: Array, quaternions: Array) -> tuple[Array, Array]:
         """Return where this is in the world when its frame is there (T, 3), (T, 4)."""
         frames = Rotation.from_quat(quaternions, scalar_first=True)
-        turns = (frames * self.turn).as_quat(scalar_first=True)
-        return places + frames.apply(self.offset), turns
+        rotations = (frames * self.rotation).as_quat(scalar_first=True)
+        return positions + frames.apply(self.offset), rotations
 
     def inverse(self) -> Placement:
         """Return where the other system is in this one."""
-        back = self.turn.inv()
-        return Placement(offset=-back.apply(self.offset), turn=back)
+        back = self.rotation.inv()
+        return Placement(offset=-back.apply(self.offset), rotation=back)
 
     def apply(self, points: Array) -> Array:
         """Return points (K, 3) of this system in the other's coordinates."""
-        return self.turn.apply(points) + self.offset
+        return self.rotation.apply(points) + self.offset
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -81,13 +81,13 @@ def links_of(model: mujoco.MjModel) -> list[Link]:
     groups: dict[tuple[bool, int], list[int]] = {}
     for geom in range(model.ngeom):
         groups.setdefault(_group(model, geom), []).append(geom)
-    taken: Counter[str] = Counter()
+    name_counts: Counter[str] = Counter()
     links = []
     for (is_body, frame), geoms in groups.items():
         name = _name(model, frame, is_body=is_body)
-        taken[name] += 1
-        unique = name if taken[name] == 1 else f"{name} {taken[name]}"
-        links.append(_link(model, unique, frame, np.array(geoms), is_body=is_body))
+        name_counts[name] += 1
+        unique_name = name if name_counts[name] == 1 else f"{name} {name_counts[name]}"
+        links.append(_link(model, unique_name, frame, np.array(geoms), is_body=is_body))
     return links
 
 
@@ -103,8 +103,8 @@ def _group(model: mujoco.MjModel, geom: int) -> tuple[bool, int]:
     """Return the frame of a geom's link: whether that is a body, and its number."""
     body = int(model.geom_bodyid[geom])
     if body == 0:
-        whole, part, _ = model.geom(geom).name.partition(PART)
-        return False, model.geom(whole).id if part else geom
+        geom_name, part, _ = model.geom(geom).name.partition(PART)
+        return False, model.geom(geom_name).id if part else geom
     return True, int(model.body_weldid[body]) or body
 
 
@@ -115,9 +115,9 @@ def _name(model: mujoco.MjModel, number: int, *, is_body: bool) -> str:
 
 def _link(model: mujoco.MjModel, name: str, frame: int, geoms: Index, *, is_body: bool) -> Link:
     sounding = _sounding(model, geoms)
-    placements = [_in_frame(model, geom, frame if is_body else None) for geom in sounding]
+    placements = [_place_in_frame(model, geom, frame if is_body else None) for geom in sounding]
     material = next((m for m in (_material(model, g) for g in (*sounding, *geoms)) if m), "")
-    shape, placement, why = _shape(model, sounding, placements)
+    shape, placement, reason = _shape(model, sounding, placements)
     parts = {int(model.geom_bodyid[geom]) for geom in geoms} - {frame} if is_body else set()
     return Link(
         name=name,
@@ -128,7 +128,7 @@ def _link(model: mujoco.MjModel, name: str, frame: int, geoms: Index, *, is_body
         shape=shape,
         placement=placement,
         material=material,
-        why_silent=why,
+        why_silent=reason,
         plane=len(sounding) == 1 and model.geom_type[sounding[0]] == _PLANE,
         welded=tuple(_name(model, part, is_body=True) for part in sorted(parts)),
     )
@@ -144,9 +144,11 @@ class MassProperties:
 
     def seen_from(self, placement: Placement) -> MassProperties:
         """Return the mass properties in the coordinates in which the present ones are placed."""
-        turn = placement.turn.as_matrix()
+        rotation = placement.rotation.as_matrix()
         centre = placement.apply(self.centre[None])[0]
-        return MassProperties(mass=self.mass, centre=centre, inertia=turn @ self.inertia @ turn.T)
+        return MassProperties(
+            mass=self.mass, centre=centre, inertia=rotation @ self.inertia @ rotation.T
+        )
 
 
 def mass_properties(model: mujoco.MjModel, link: Link) -> MassProperties | None:
@@ -154,7 +156,7 @@ def mass_properties(model: mujoco.MjModel, link: Link) -> MassProperties | None:
     if not link.frame_is_body:
         return None
     bodies = np.unique(model.geom_bodyid[link.geoms])
-    parts = [_own_mass(model, int(body), link.frame) for body in bodies if model.body_mass[body]]
+    parts = [_body_mass(model, int(body), link.frame) for body in bodies if model.body_mass[body]]
     mass = sum(part.mass for part in parts)
     if not mass:
         return None
@@ -163,30 +165,32 @@ def mass_properties(model: mujoco.MjModel, link: Link) -> MassProperties | None:
     for part in parts:
         arm = part.centre - centre
         inertia += part.inertia + part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    whole = MassProperties(mass=mass, centre=centre, inertia=inertia)
-    return whole.seen_from(link.placement.inverse())
+    link_mass = MassProperties(mass=mass, centre=centre, inertia=inertia)
+    return link_mass.seen_from(link.placement.inverse())
 
 
-def _own_mass(model: mujoco.MjModel, body: int, frame: int) -> MassProperties:
+def _body_mass(model: mujoco.MjModel, body: int, frame: int) -> MassProperties:
     principal = _placement(model.body_ipos[body], model.body_iquat[body])
-    own = MassProperties(
+    properties = MassProperties(
         mass=float(model.body_mass[body]),
         centre=np.zeros(3),
         inertia=np.diag(model.body_inertia[body]),
     )
-    return own.seen_from(principal.within(_welded(model, body, frame)))
+    return properties.seen_from(principal.within(_place_welded(model, body, frame)))
 
 
 def touches(model: mujoco.MjModel, geom: int) -> bool:
     """Return whether a geom takes part in contacts, by its masks or a pair of its own."""
-    masks = model.geom_contype[geom] or model.geom_conaffinity[geom]
-    return bool(masks or (geom in model.pair_geom1) or (geom in model.pair_geom2))
+    collision_bits = model.geom_contype[geom] or model.geom_conaffinity[geom]
+    return bool(collision_bits or (geom in model.pair_geom1) or (geom in model.pair_geom2))
 
 
 def _sounding(model: mujoco.MjModel, geoms: Index) -> list[int]:
     """Return the visible meshes that do not collide, or else the geometries that collide."""
-    seen = [g for g in geoms if model.geom_type[g] == _MESH and not touches(model, int(g))]
-    return [int(g) for g in (seen or [g for g in geoms if touches(model, int(g))] or geoms)]
+    visual_meshes = [g for g in geoms if model.geom_type[g] == _MESH and not touches(model, int(g))]
+    return [
+        int(g) for g in (visual_meshes or [g for g in geoms if touches(model, int(g))] or geoms)
+    ]
 
 
 def _material(model: mujoco.MjModel, geom: int) -> str:
@@ -196,20 +200,20 @@ def _material(model: mujoco.MjModel, geom: int) -> str:
 
 def geom_placement(model: mujoco.MjModel, geom: int, link: Link) -> Placement:
     """Return where a geom's coordinates are in the frame of its link."""
-    return _in_frame(model, geom, link.frame if link.frame_is_body else None)
+    return _place_in_frame(model, geom, link.frame if link.frame_is_body else None)
 
 
-def _in_frame(model: mujoco.MjModel, geom: int, frame: int | None) -> Placement:
+def _place_in_frame(model: mujoco.MjModel, geom: int, frame: int | None) -> Placement:
     """Return a geom's place in the coordinates of a body that it is welded to, or of the world."""
     if frame is None:
-        return Placement(offset=np.zeros(3), turn=Rotation.identity())
+        return Placement(offset=np.zeros(3), rotation=Rotation.identity())
     place = _placement(model.geom_pos[geom], model.geom_quat[geom])
-    return place.within(_welded(model, int(model.geom_bodyid[geom]), frame))
+    return place.within(_place_welded(model, int(model.geom_bodyid[geom]), frame))
 
 
-def _welded(model: mujoco.MjModel, body: int, frame: int) -> Placement:
+def _place_welded(model: mujoco.MjModel, body: int, frame: int) -> Placement:
     """Return a body's place in the coordinates of another that it is welded to."""
-    place = Placement(offset=np.zeros(3), turn=Rotation.identity())
+    place = Placement(offset=np.zeros(3), rotation=Rotation.identity())
     while body != frame:
         place = place.within(_placement(model.body_pos[body], model.body_quat[body]))
         body = int(model.body_parentid[body])
@@ -217,19 +221,19 @@ def _welded(model: mujoco.MjModel, body: int, frame: int) -> Placement:
 
 
 def _placement(offset: Array, quaternion: Array) -> Placement:
-    turn = Rotation.from_quat(np.asarray(quaternion), scalar_first=True)
-    return Placement(offset=np.array(offset), turn=turn)
+    rotation = Rotation.from_quat(np.asarray(quaternion), scalar_first=True)
+    return Placement(offset=np.array(offset), rotation=rotation)
 
 
 def _shape(
     model: mujoco.MjModel, geoms: Sequence[int], placements: Sequence[Placement]
 ) -> tuple[Shape | None, Placement, str]:
     """Return the shape that sounds, its placement in the frame, and the reason if there is none."""
-    nowhere = Placement(offset=np.zeros(3), turn=Rotation.identity())
+    identity = Placement(offset=np.zeros(3), rotation=Rotation.identity())
     kinds = {int(model.geom_type[geom]) for geom in geoms}
-    for kind, why in _SILENT.items():
+    for kind, reason in _SILENT.items():
         if kind in kinds:
-            return None, placements[0] if len(geoms) == 1 else nowhere, why
+            return None, placements[0] if len(geoms) == 1 else identity, reason
     if len(geoms) > 1:
         parts = [
             (place.apply(points), faces)
@@ -237,9 +241,9 @@ def _shape(
                 placements, (triangles(model, geom) for geom in geoms), strict=True
             )
         ]
-        return _joined(parts), nowhere, ""
+        return _join_parts(parts), identity, ""
     (geom,), (place,) = geoms, placements
-    size = [float(each) for each in model.geom_size[geom]]
+    size = [float(length) for length in model.geom_size[geom]]
     kind = kinds.pop()
     if kind == _BOX:
         return Block(size=(2 * size[0], 2 * size[1], 2 * size[2])), place, ""
@@ -247,14 +251,18 @@ def _shape(
         return Tube(length=2 * size[1], radius=size[0], wall=size[0]), place, ""
     points, faces = triangles(model, geom)
     if kind != _MESH:
-        return _joined([(points, faces)]), place, ""
-    own = file_coordinates(model, geom)
-    return _joined([(own.apply(points), faces)]), own.inverse().within(place), ""
+        return _join_parts([(points, faces)]), place, ""
+    file_placement = file_coordinates(model, geom)
+    return (
+        _join_parts([(file_placement.apply(points), faces)]),
+        file_placement.inverse().within(place),
+        "",
+    )
 
 
-def _joined(parts: Sequence[tuple[Array, Index]]) -> Mesh:
-    starts = np.cumsum([0, *(len(points) for points, _ in parts[:-1])])
-    faces = [part + start for (_, part), start in zip(parts, starts, strict=True)]
+def _join_parts(parts: Sequence[tuple[Array, Index]]) -> Mesh:
+    offsets = np.cumsum([0, *(len(points) for points, _ in parts[:-1])])
+    faces = [part + start for (_, part), start in zip(parts, offsets, strict=True)]
     return Mesh(points=np.concatenate([points for points, _ in parts]), faces=np.concatenate(faces))
 
 
@@ -271,17 +279,17 @@ def triangles(model: mujoco.MjModel, geom: int) -> tuple[Array, Index]:
     kind, size = int(model.geom_type[geom]), model.geom_size[geom]
     if kind == _MESH or model.geom_dataid[geom] >= 0:
         mesh = model.mesh(model.geom_dataid[geom])
-        at, many = mesh.vertadr[0], mesh.vertnum[0]
+        at, vertex_count = mesh.vertadr[0], mesh.vertnum[0]
         first, count = mesh.faceadr[0], mesh.facenum[0]
-        points = np.asarray(model.mesh_vert[at : at + many], np.float64)
+        points = np.asarray(model.mesh_vert[at : at + vertex_count], np.float64)
         return points, np.asarray(model.mesh_face[first : first + count], np.int64)
     if kind == _BOX:
-        solid = trimesh.creation.box(2 * size)
+        surface = trimesh.creation.box(2 * size)
     elif kind == _CYLINDER:
-        solid = trimesh.creation.cylinder(size[0], 2 * size[1], sections=48)
+        surface = trimesh.creation.cylinder(size[0], 2 * size[1], sections=48)
     elif kind == _CAPSULE:
-        solid = trimesh.creation.capsule(2 * size[1], size[0], count=(24, 24))
+        surface = trimesh.creation.capsule(2 * size[1], size[0], count=(24, 24))
     else:  # a ball, or one with three radii
-        solid = trimesh.creation.icosphere(subdivisions=4)
-        solid.apply_scale(size if kind == _ELLIPSOID else np.full(3, size[0]))
-    return np.asarray(solid.vertices, np.float64), np.asarray(solid.faces, np.int64)
+        surface = trimesh.creation.icosphere(subdivisions=4)
+        surface.apply_scale(size if kind == _ELLIPSOID else np.full(3, size[0]))
+    return np.asarray(surface.vertices, np.float64), np.asarray(surface.faces, np.int64)

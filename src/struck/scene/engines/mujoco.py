@@ -27,7 +27,7 @@ from struck.scene.engines.step_log import StepLog
 if TYPE_CHECKING:
     import mujoco
 
-_WARNED = ("mjWARN_BADQPOS", "mjWARN_BADQVEL", "mjWARN_BADQACC")
+_WARNING_NAMES = ("mjWARN_BADQPOS", "mjWARN_BADQVEL", "mjWARN_BADQACC")
 
 Control = Callable[["mujoco.MjModel", "mujoco.MjData"], None]
 
@@ -57,18 +57,18 @@ class MujocoRecorder:
         import mujoco
 
         if not isinstance(model, mujoco.MjModel):
-            told = "a mujoco.MjModel, as of mujoco.MjModel.from_xml_path(path)"
-            raise ArgumentError(f"model is {model!r}: MujocoRecorder takes {told}")
+            expected = "a mujoco.MjModel, as of mujoco.MjModel.from_xml_path(path)"
+            raise ArgumentError(f"model is {model!r}: MujocoRecorder takes {expected}")
         self._mujoco, self._model = mujoco, model
         self.links = tuple(links) or tuple(links_of(model))
         self._owners = owners(model, self.links)
-        self._carried = [n for n, link in enumerate(self.links) if link.frame_is_body]
-        self._frames = np.array([self.links[n].frame for n in self._carried], np.int64)
+        self._body_links = [n for n, link in enumerate(self.links) if link.frame_is_body]
+        self._frames = np.array([self.links[n].frame for n in self._body_links], np.int64)
         self._log = StepLog(self.links)
-        self._still: tuple[Array, Array] | None = None
+        self._fixed_poses: tuple[Array, Array] | None = None
         self._time = -model.opt.timestep  # that of the first step is 0
-        self._flexible = self._skipped = 0
-        self._warnings = [int(getattr(mujoco.mjtWarning, name)) for name in _WARNED]
+        self._flexible_count = self._skipped_count = 0
+        self._warnings = [int(getattr(mujoco.mjtWarning, name)) for name in _WARNING_NAMES]
         self._force = np.zeros(6)
 
     @property
@@ -94,10 +94,10 @@ class MujocoRecorder:
                 "mj_step, and begin a new recorder after a reset"
             )
         if self._time >= 0:
-            self._skipped += round((time - self._time) / self._model.opt.timestep) - 1
+            self._skipped_count += round((time - self._time) / self._model.opt.timestep) - 1
         self._time = time
-        touched = data.ncon > 0 and self._note_contacts(data, time)
-        if touched or self._log.due(time):
+        has_contacts = data.ncon > 0 and self._note_contacts(data, time)
+        if has_contacts or self._log.is_due(time):
             self._place(data, time)
 
     def place(self, data: mujoco.MjData) -> None:
@@ -105,12 +105,12 @@ class MujocoRecorder:
         self._place(data, data.time)
 
     def _place(self, data: mujoco.MjData, time: float) -> None:
-        if self._still is None:
-            self._still = self._standing(data)
-        places, turns = (each.copy() for each in self._still)
-        places[self._carried] = data.xpos[self._frames]
-        turns[self._carried] = data.xquat[self._frames]
-        self._log.pose(time, places, turns)
+        if self._fixed_poses is None:
+            self._fixed_poses = self._standing(data)
+        positions, rotations = (values.copy() for values in self._fixed_poses)
+        positions[self._body_links] = data.xpos[self._frames]
+        rotations[self._body_links] = data.xquat[self._frames]
+        self._log.pose(time, positions, rotations)
 
     def contacts(self, *, forget: bool = False) -> Contacts:
         """Return the log so far; or since it was asked to forget all that it had returned."""
@@ -137,26 +137,26 @@ class MujocoRecorder:
         sources = SoundSources(SoundOptions(**sounds))
         masses = [mass_properties(self._model, link) for link in self.links]
         bodies = sources.bodies(self.links, masses)
-        moved = [
+        mass_notes = [
             f"{link.name!r} moves as {rounded(mass.mass, 3)} kg, MuJoCo's own, and sounds as "
-            f"{rounded(own, 3)} kg"
+            f"{rounded(sound_mass, 3)} kg"
             for link, mass in zip(self.links, masses, strict=True)
-            if mass and (own := getattr(bodies[link.name].model, "mass", None))
-            if not 0.9 < own / mass.mass < 1.1
+            if mass and (sound_mass := getattr(bodies[link.name].model, "mass", None))
+            if not 0.9 < sound_mass / mass.mass < 1.1
         ]
-        notes = (*sources.notes, *moved, *contacts.notes, *dead(self._model))
+        notes = (*sources.notes, *mass_notes, *contacts.notes, *dead(self._model))
         scene = Scene(bodies=bodies, gravity=self._model.opt.gravity, notes=notes)
         return scene.posed(contacts), contacts
 
     def _notes(self) -> tuple[str, ...]:
         notes = []
-        if self._skipped:
+        if self._skipped_count:
             notes.append(
-                f"{counted(self._skipped, 'step')} not logged, whose contacts are missing: call "
-                "step(data) after each mj_step"
+                f"{counted(self._skipped_count, 'step')} not logged, whose contacts are missing: "
+                "call step(data) after each mj_step"
             )
-        if self._flexible:
-            notes.append(f"{counted(self._flexible, 'contact')} of flexible bodies left out")
+        if self._flexible_count:
+            notes.append(f"{counted(self._flexible_count, 'contact')} of flexible bodies left out")
         if self._model.opt.integrator == self._mujoco.mjtIntegrator.mjINT_RK4:
             notes.append(
                 "contacts are those of the last of RK4's four stages, so that their impulses may "
@@ -174,38 +174,38 @@ class MujocoRecorder:
             self._mujoco.mj_contactForce(self._model, data, number, self._force)
             forces[number] = self._force
         geoms = np.asarray(contact.geom)
-        loaded = forces[:, :3].any(axis=1)
-        rigid = (geoms >= 0).all(axis=1)
-        self._flexible += int(np.count_nonzero(loaded & ~rigid))
+        is_loaded = forces[:, :3].any(axis=1)
+        is_rigid = (geoms >= 0).all(axis=1)
+        self._flexible_count += int(np.count_nonzero(is_loaded & ~is_rigid))
         # What is welded together, or the world with itself, is no pair.
         pair = self._owners[np.maximum(geoms, 0)]
-        kept = np.flatnonzero(loaded & rigid & (pair[:, 0] != pair[:, 1]))
-        if not len(kept):
+        rows = np.flatnonzero(is_loaded & is_rigid & (pair[:, 0] != pair[:, 1]))
+        if not len(rows):
             return False
-        frames = np.asarray(contact.frame)[kept].reshape(-1, 3, 3)
+        frames = np.asarray(contact.frame)[rows].reshape(-1, 3, 3)
         step = self._model.opt.timestep
-        impulse = np.einsum("kij,ki->kj", frames, forces[kept, :3]) * step
-        place = np.asarray(contact.pos)[kept]
-        bodies = self._model.geom_bodyid[geoms[kept]]
+        impulse = np.einsum("kij,ki->kj", frames, forces[rows, :3]) * step
+        place = np.asarray(contact.pos)[rows]
+        bodies = self._model.geom_bodyid[geoms[rows]]
         velocity = _speed(self._model, data, bodies[:, 1], place) - _speed(
             self._model, data, bodies[:, 0], place
         )
-        self._log.touch(time, step, pair[kept], place, frames[:, 0], velocity, impulse)
+        self._log.touch(time, step, pair[rows], place, frames[:, 0], velocity, impulse)
         return True
 
     def _require_sane(self, data: mujoco.MjData, time: float) -> None:
         """Refuse a state that MuJoCo warned of, or an impossibly fast one."""
-        warned = data.warning.number[self._warnings].any()
-        require_slow(time, data.qvel, data.xpos, warned=bool(warned))
+        has_warning = data.warning.number[self._warnings].any()
+        require_slow(time, data.qvel, data.xpos, has_warning=bool(has_warning))
 
     def _standing(self, data: mujoco.MjData) -> tuple[Array, Array]:
         """Return positions and rotations of all links, filled in for fixed geoms."""
-        places, turns = np.zeros((len(self.links), 3)), np.zeros((len(self.links), 4))
+        positions, rotations = np.zeros((len(self.links), 3)), np.zeros((len(self.links), 4))
         for number, link in enumerate(self.links):
             if not link.frame_is_body:
-                places[number] = data.geom_xpos[link.frame]
-                self._mujoco.mju_mat2Quat(turns[number], data.geom_xmat[link.frame])
-        return places, turns
+                positions[number] = data.geom_xpos[link.frame]
+                self._mujoco.mju_mat2Quat(rotations[number], data.geom_xmat[link.frame])
+        return positions, rotations
 
 
 class MujocoEngine:
@@ -219,11 +219,11 @@ class MujocoEngine:
         if keyframe is not None:
             number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, keyframe)
             if number < 0 and not model.nkey:
-                told = "the scene has no keyframes: leave keyframe= out"
-                raise OptionError(f"keyframe is {keyframe!r}: {told}")
+                problem = "the scene has no keyframes: leave keyframe= out"
+                raise OptionError(f"keyframe is {keyframe!r}: {problem}")
             if number < 0:
-                known = [model.key(each).name for each in range(model.nkey)]
-                require_choice("keyframe", keyframe, known, more=", or leave keyframe= out")
+                names = [model.key(key).name for key in range(model.nkey)]
+                require_choice("keyframe", keyframe, names, more=", or leave keyframe= out")
             mujoco.mj_resetDataKeyframe(model, self.data, number)
         mujoco.mj_forward(model, self.data)
         self.recorder = MujocoRecorder(model, links=links)
@@ -250,9 +250,9 @@ class MujocoEngine:
         return self.recorder.contacts(forget=forget)
 
 
-def _speed(model: mujoco.MjModel, data: mujoco.MjData, bodies: Index, places: Array) -> Array:
+def _speed(model: mujoco.MjModel, data: mujoco.MjData, bodies: Index, points: Array) -> Array:
     """Return the velocities of points of bodies, m/s (K, 3)."""
     # MuJoCo keeps a body's velocity as if it moved with the centre of its tree.
-    spatial = data.cvel[bodies]
-    arms = places - data.subtree_com[model.body_rootid[bodies]]
-    return spatial[:, 3:] + np.cross(spatial[:, :3], arms)
+    velocities = data.cvel[bodies]
+    arms = points - data.subtree_com[model.body_rootid[bodies]]
+    return velocities[:, 3:] + np.cross(velocities[:, :3], arms)

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 _PLANE, _FIELD, _SPHERE, _CAPSULE, _CYLINDER, _BOX = 0, 1, 2, 3, 5, 6
 # A cylinder of Rapier stands along y, MuJoCo's along z.
-_UPRIGHT = Rotation.from_euler("x", 90, degrees=True)
+_UPRIGHT_ROTATION = Rotation.from_euler("x", 90, degrees=True)
 
 
 class RapierEngine:
@@ -56,9 +56,9 @@ class RapierEngine:
         settings.dt = self.step
         settings.length_unit = _size(model, links)
         settings.friction_model = rapier3d.FrictionModel.COULOMB
-        if laws.any_given:
+        if laws.has_values:
             self._world.physics_hooks = self
-        self._said: dict[tuple[Any, Any], tuple[float | None, float | None]] = {}
+        self._pair_laws: dict[tuple[Any, Any], tuple[float | None, float | None]] = {}
         self._begin(MujocoEngine(model, links, keyframe).data)
         self.time, self._log = 0.0, StepLog(links)
 
@@ -67,12 +67,12 @@ class RapierEngine:
         if control is not None:
             raise OptionError('control= is MuJoCo\'s own: take engine="mujoco"')
         state = self._state()
-        begin = self.time
+        start = self.time
         self._world.step()
         self.time += self.step
-        touched = self._note_contacts(begin, state)
-        if touched or self._log.due(begin):
-            self._log.pose(begin, state[0], state[1])
+        has_contacts = self._note_contacts(start, state)
+        if has_contacts or self._log.is_due(start):
+            self._log.pose(start, state[0], state[1])
 
     def contacts(self, *, forget: bool = False) -> Contacts:
         """Return the log so far; or since it was asked to forget all that it had returned."""
@@ -89,17 +89,17 @@ class RapierEngine:
         self._bodies, self._numbers = [], {}
         self._centres = np.zeros((len(self._links), 3))  # of mass, in the frames
         for number, link in enumerate(self._links):
-            place, turn = _frame(data, link)
+            position, rotation = _frame(data, link)
             maker = self._rapier.RigidBody
             body = maker.fixed() if link.fixed else maker.dynamic()
-            body = body.translation(tuple(place.tolist())).rotation(_axis(turn))
+            body = body.translation(tuple(position.tolist())).rotation(_axis(rotation))
             if not link.fixed:
                 body = self._weighing(body, number, link).can_sleep(False)  # noqa: FBT003 - Rapier's own
                 at = self._model.body_dofadr[link.frame]
                 # MuJoCo turns a free body in its own coordinates, Rapier in the world's.
-                spin = turn.apply(data.qvel[at + 3 : at + 6])
+                angular_velocity = rotation.apply(data.qvel[at + 3 : at + 6])
                 body = body.linvel(tuple(data.qvel[at : at + 3].tolist()))
-                body = body.angvel(tuple(spin.tolist())).ccd_enabled(True)  # noqa: FBT003
+                body = body.angvel(tuple(angular_velocity.tolist())).ccd_enabled(True)  # noqa: FBT003
             colliders = [c for geom in link.geoms for c in self._colliders(int(geom), link)]
             handle = self._world.add_body(body, colliders)
             self._bodies.append(handle)
@@ -107,17 +107,17 @@ class RapierEngine:
 
     def _weighing(self, body: Any, number: int, link: Link) -> Any:  # noqa: ANN401 - of Rapier
         """Return a body with its mass and moments of inertia."""
-        whole = mass_properties(self._model, link)
-        if whole is None:
+        link_mass = mass_properties(self._model, link)
+        if link_mass is None:
             raise SimulationError(f"{link.name!r} weighs nothing: give it a mass or a density")
-        own = whole.seen_from(link.placement)
-        self._centres[number] = own.centre
-        moments, axes = np.linalg.eigh(own.inertia)
+        frame_mass = link_mass.seen_from(link.placement)
+        self._centres[number] = frame_mass.centre
+        moments, axes = np.linalg.eigh(frame_mass.inertia)
         if np.linalg.det(axes) < 0:
             axes[:, 0] *= -1
         frame = tuple(Rotation.from_matrix(axes).as_quat().tolist())
         properties = self._rapier.MassProperties(
-            tuple(own.centre.tolist()), own.mass, tuple(moments.tolist()), frame
+            tuple(frame_mass.centre.tolist()), frame_mass.mass, tuple(moments.tolist()), frame
         )
         return body.additional_mass_properties(properties)
 
@@ -126,39 +126,49 @@ class RapierEngine:
         model, kind = self._model, int(self._model.geom_type[geom])
         if not touches(model, geom):
             return []
-        size = [float(each) for each in model.geom_size[geom]]
-        make = self._rapier.Collider
-        turn = _UPRIGHT if kind == _CYLINDER else Rotation.identity()
+        size = [float(length) for length in model.geom_size[geom]]
+        factory = self._rapier.Collider
+        rotation = _UPRIGHT_ROTATION if kind == _CYLINDER else Rotation.identity()
         if kind == _PLANE:
-            collider = make.halfspace((0.0, 0.0, 1.0))
+            collider = factory.halfspace((0.0, 0.0, 1.0))
         elif kind == _FIELD:
             raise SimulationError(f"{link.name!r} is a height field: take engine='mujoco'")
         elif kind == _SPHERE:
-            collider = make.ball(size[0])
+            collider = factory.ball(size[0])
         elif kind == _BOX:
-            collider = make.cuboid(*size)
+            collider = factory.cuboid(*size)
         elif kind == _CYLINDER:
-            collider = make.cylinder(size[1], size[0])
+            collider = factory.cylinder(size[1], size[0])
         elif kind == _CAPSULE:
-            collider = make.capsule_z(size[1], size[0])
+            collider = factory.capsule_z(size[1], size[0])
         else:
             points, _ = triangles(model, geom)
-            collider = make.convex_hull(np.ascontiguousarray(points, np.float32))
+            collider = factory.convex_hull(np.ascontiguousarray(points, np.float32))
         place = geom_placement(model, geom, link)
-        made = collider.translation(tuple(place.offset.tolist())).rotation(_axis(place.turn * turn))
-        made = made.density(0.0).friction(float(model.geom_friction[geom][0])).restitution(0.0)
-        made = made.friction_combine_rule(self._rapier.CoefficientCombineRule.MAX)
-        if self._laws.any_given:
-            made = made.active_hooks(self._rapier.ActiveHooks.MODIFY_SOLVER_CONTACTS)
-        return [made]
+        placed_collider = collider.translation(tuple(place.offset.tolist())).rotation(
+            _axis(place.rotation * rotation)
+        )
+        placed_collider = (
+            placed_collider.density(0.0)
+            .friction(float(model.geom_friction[geom][0]))
+            .restitution(0.0)
+        )
+        placed_collider = placed_collider.friction_combine_rule(
+            self._rapier.CoefficientCombineRule.MAX
+        )
+        if self._laws.has_values:
+            placed_collider = placed_collider.active_hooks(
+                self._rapier.ActiveHooks.MODIFY_SOLVER_CONTACTS
+            )
+        return [placed_collider]
 
     def modify_solver_contacts(self, context: Any) -> None:  # noqa: ANN401 - Rapier calls it
         """Give two bodies the restitution and friction that were said of them."""
         pair = context.rigid_body1, context.rigid_body2
-        if pair not in self._said:
-            one, other = (self._links[self._numbers[each]].name for each in pair)
-            self._said[pair] = self._laws.between(one, other)
-        restitution, friction = self._said[pair]
+        if pair not in self._pair_laws:
+            name_a, name_b = (self._links[self._numbers[body]].name for body in pair)
+            self._pair_laws[pair] = self._laws.find_values(name_a, name_b)
+        restitution, friction = self._pair_laws[pair]
         if restitution is not None:
             context.restitution = restitution
         if friction is not None:
@@ -168,19 +178,24 @@ class RapierEngine:
 
     def _state(self) -> tuple[Array, Array, Array, Array]:
         """Return places, turns (w, x, y, z), and speeds of the centres of mass and spins."""
-        found = np.zeros((len(self._bodies), 13))
-        for row, handle in zip(found, self._bodies, strict=True):
+        states = np.zeros((len(self._bodies), 13))
+        for row, handle in zip(states, self._bodies, strict=True):
             body = self._world.rigid_bodies[handle]
-            place, turn, speed, spin = body.translation, body.rotation, body.linvel, body.angvel
-            row[:3] = place.x, place.y, place.z
-            row[3:7] = turn.w, turn.i, turn.j, turn.k
-            row[7:10] = speed.x, speed.y, speed.z
-            row[10:] = spin.x, spin.y, spin.z
-        require_slow(self.time, found[:, 7:], found[:, :3])
-        places, turns, speeds, spins = np.split(found, (3, 7, 10), axis=1)
-        return places, turns, speeds, spins
+            position, rotation, velocity, angular_velocity = (
+                body.translation,
+                body.rotation,
+                body.linvel,
+                body.angvel,
+            )
+            row[:3] = position.x, position.y, position.z
+            row[3:7] = rotation.w, rotation.i, rotation.j, rotation.k
+            row[7:10] = velocity.x, velocity.y, velocity.z
+            row[10:] = angular_velocity.x, angular_velocity.y, angular_velocity.z
+        require_slow(self.time, states[:, 7:], states[:, :3])
+        positions, rotations, velocities, angular_velocities = np.split(states, (3, 7, 10), axis=1)
+        return positions, rotations, velocities, angular_velocities
 
-    def _note_contacts(self, begin: float, state: tuple[Array, ...]) -> bool:
+    def _note_contacts(self, start: float, state: tuple[Array, ...]) -> bool:
         """Keep the rows of one step; return whether there are any."""
         rows = [row for pair in self._world.narrow_phase.contact_pairs() for row in self._of(pair)]
         if not rows:
@@ -188,50 +203,55 @@ class RapierEngine:
         table = np.array(rows)
         bodies = table[:, :2].astype(np.int64)
         # Rapier tells where points are when the step has ended: back to where they were before.
-        ended = self._state()
+        end_state = self._state()
         sides = [
-            _carried_back(table[:, 2 + 3 * side : 5 + 3 * side], bodies[:, side], state, ended)
+            _carried_back(table[:, 2 + 3 * side : 5 + 3 * side], bodies[:, side], state, end_state)
             for side in (0, 1)
         ]
-        place = (sides[0] + sides[1]) / 2
-        velocity = self._speed(state, bodies[:, 1], place) - self._speed(state, bodies[:, 0], place)
-        normal, impulse = table[:, 8:11], table[:, 11:]
-        self._log.touch(begin, self.step, bodies, place, normal, velocity, impulse)
+        points = (sides[0] + sides[1]) / 2
+        velocity = self._speed(state, bodies[:, 1], points) - self._speed(
+            state, bodies[:, 0], points
+        )
+        normals, impulses = table[:, 8:11], table[:, 11:]
+        self._log.touch(start, self.step, bodies, points, normals, velocity, impulses)
         return True
 
     def _of(self, pair: Any) -> Iterator[tuple[float, ...]]:  # noqa: ANN401 - of Rapier
         """Yield bodies, place on each, normal and impulse of the points of a pair that push."""
         for manifold in pair.manifolds:
             data, points = manifold.data, manifold.points
-            solved = data.solver_contacts
-            if not solved:
+            solver_contacts = data.solver_contacts
+            if not solver_contacts:
                 continue
             numbers = self._numbers[data.rigid_body1], self._numbers[data.rigid_body2]
             normal = _array(data.normal)
             tangents = _tangents(-normal)
-            for contact in solved:
+            for contact in solver_contacts:
                 point = points[int(np.ravel(contact.contact_id)[0])]
                 if point.impulse > 0:
-                    pushed = normal * point.impulse - np.array(point.tangent_impulse) @ tangents
+                    impulse = normal * point.impulse - np.array(point.tangent_impulse) @ tangents
                     ends = data.solver_contact_world_points(contact, self._world.rigid_bodies)
-                    places = (_array(each) for each in ends)
-                    yield (*numbers, *next(places), *next(places), *normal, *pushed)
+                    places = (_array(end) for end in ends)
+                    yield (*numbers, *next(places), *next(places), *normal, *impulse)
 
-    def _speed(self, state: tuple[Array, ...], bodies: Index, places: Array) -> Array:
+    def _speed(self, state: tuple[Array, ...], bodies: Index, points: Array) -> Array:
         """Return the velocities of points of bodies, m/s (K, 3)."""
-        origins, turns, speeds, spins = (each[bodies] for each in state)
-        frames = Rotation.from_quat(turns, scalar_first=True)
+        origins, rotations, velocities, angular_velocities = (values[bodies] for values in state)
+        frames = Rotation.from_quat(rotations, scalar_first=True)
         centres = origins + frames.apply(self._centres[bodies])
-        return speeds + np.cross(spins, places - centres)
+        return velocities + np.cross(angular_velocities, points - centres)
 
 
 def _carried_back(
-    places: Array, bodies: Index, state: tuple[Array, ...], ended: tuple[Array, ...]
+    points: Array, bodies: Index, state: tuple[Array, ...], end_state: tuple[Array, ...]
 ) -> Array:
     """Return where points of bodies that are there when a step ends were when it began (K, 3)."""
-    after = Rotation.from_quat(ended[1][bodies], scalar_first=True)
-    before = Rotation.from_quat(state[1][bodies], scalar_first=True)
-    return before.apply(after.inv().apply(places - ended[0][bodies])) + state[0][bodies]
+    end_rotations = Rotation.from_quat(end_state[1][bodies], scalar_first=True)
+    start_rotations = Rotation.from_quat(state[1][bodies], scalar_first=True)
+    return (
+        start_rotations.apply(end_rotations.inv().apply(points - end_state[0][bodies]))
+        + state[0][bodies]
+    )
 
 
 def _array(vector: Any) -> Array:  # noqa: ANN401 - of Rapier
@@ -247,32 +267,36 @@ def _tangents(direction: Array) -> Array:
     return np.stack([first, np.cross(direction, first)])
 
 
-def _axis(turn: Rotation) -> tuple[float, ...]:
+def _axis(rotation: Rotation) -> tuple[float, ...]:
     """Return a rotation as Rapier takes it: an axis as long as the angle."""
-    return tuple(turn.as_rotvec().tolist())
+    return tuple(rotation.as_rotvec().tolist())
 
 
 def _frame(data: mujoco.MjData, link: Link) -> tuple[Array, Rotation]:
     """Return where a link's frame is, m, and how it is turned."""
     if link.frame_is_body:
-        turn = Rotation.from_quat(data.xquat[link.frame], scalar_first=True)
-        return np.array(data.xpos[link.frame]), turn
-    turn = Rotation.from_matrix(data.geom_xmat[link.frame].reshape(3, 3))
-    return np.array(data.geom_xpos[link.frame]), turn
+        rotation = Rotation.from_quat(data.xquat[link.frame], scalar_first=True)
+        return np.array(data.xpos[link.frame]), rotation
+    rotation = Rotation.from_matrix(data.geom_xmat[link.frame].reshape(3, 3))
+    return np.array(data.geom_xpos[link.frame]), rotation
 
 
 def _require_free(model: mujoco.MjModel, links: Sequence[Link]) -> None:
     """Refuse joints, actuators, tendons and equalities, which are not passed to Rapier."""
     masses = free_masses(model, links)
-    held = [
+    jointed_names = [
         link.name
         for link, mass in zip(links, masses, strict=True)
         if not (link.fixed or np.isfinite(mass))
     ]
-    if held or model.nu or model.neq or model.ntendon:
-        what = f"{held[0]!r} has joints" if held else "the scene has actuators or constraints"
+    if jointed_names or model.nu or model.neq or model.ntendon:
+        problem = (
+            f"{jointed_names[0]!r} has joints"
+            if jointed_names
+            else "the scene has actuators or constraints"
+        )
         raise SimulationError(
-            f"{what}: Rapier gets free and fixed bodies alone; take engine='mujoco'"
+            f"{problem}: Rapier gets free and fixed bodies alone; take engine='mujoco'"
         )
 
 

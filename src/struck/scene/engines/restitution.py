@@ -35,12 +35,12 @@ if TYPE_CHECKING:
 # Of a pair of bodies by patterns of their names, of all pairs, or "materials".
 PairValues = float | str | Mapping[tuple[str, str], float]
 IMPEDANCE = (0.99, 0.99, 0.001, 0.5, 2.0)  # nearly rigid: the law is followed to 1 %
-_RECOVERY = 0.1  # s: in which a body that rests too deep comes up
-_CLOSE, _CLOSE_ENOUGH = 0.002, 0.02  # to the restitution asked for: tried for, and accepted
-_TRIES = 6
-_MOST_PAIRS = 20_000  # of geoms, that have a law of their own
-_LEAST = 1e-5  # of MuJoCo's friction
-_SPEED = 1.0  # m/s, of the ball that rebounds
+_RECOVERY_SECONDS = 0.1  # s: in which a body that rests too deep comes up
+_TARGET_ERROR, _MAX_ERROR = 0.002, 0.02  # to the restitution asked for: tried for, and accepted
+_MAX_TRIALS = 6
+_MAX_PAIRS = 20_000  # of geoms, that have a law of their own
+_MIN_FRICTION = 1e-5  # of MuJoCo's friction
+_IMPACT_SPEED = 1.0  # m/s, of the ball that rebounds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,20 +65,20 @@ def contact_law(restitution: float, options: mujoco.MjOption) -> ContactLaw:
     SimulationError
         Where none does, as with Runge-Kutta steps, in which four pushes make one.
     """
-    asked, found, law = restitution, np.inf, None
-    for _ in range(_TRIES):
-        damping = (1 + asked) / options.timestep
-        stiffness = damping / _RECOVERY
-        found = rebound((-stiffness, -damping), IMPEDANCE, options)
-        law = ContactLaw(stiffness=stiffness, damping=damping, restitution=found)
-        if abs(found - restitution) < _CLOSE:
+    target, rebound_ratio, law = restitution, np.inf, None
+    for _ in range(_MAX_TRIALS):
+        damping = (1 + target) / options.timestep
+        stiffness = damping / _RECOVERY_SECONDS
+        rebound_ratio = rebound((-stiffness, -damping), IMPEDANCE, options)
+        law = ContactLaw(stiffness=stiffness, damping=damping, restitution=rebound_ratio)
+        if abs(rebound_ratio - restitution) < _TARGET_ERROR:
             return law
-        asked += restitution - found
-    if law and abs(found - restitution) < _CLOSE_ENOUGH:
+        target += restitution - rebound_ratio
+    if law and abs(rebound_ratio - restitution) < _MAX_ERROR:
         return law
     raise SimulationError(
-        f"restitution is {restitution}: a ball rebounds with {found:.2f} in MuJoCo with these "
-        "solver settings: set integrator to Euler or implicitfast, or leave restitution= out"
+        f"restitution is {restitution}: a ball rebounds with {rebound_ratio:.2f} in MuJoCo with "
+        "these solver settings: set integrator to Euler or implicitfast, or leave restitution= out"
     )
 
 
@@ -100,14 +100,14 @@ def rebound(
     body.add_geom(type=ball, size=(0.05, 0, 0), density=1000.0, **common)
     model = spec.compile()
     data = mujoco.MjData(model)
-    data.qvel[2] = -_SPEED
-    touched = False
+    data.qvel[2] = -_IMPACT_SPEED
+    has_touched = False
     for _ in range(int(0.5 / options.timestep) + 50):
         mujoco.mj_step(model, data)
-        touched = touched or data.ncon > 0
-        if touched and not data.ncon and data.qvel[2] > 0:
+        has_touched = has_touched or data.ncon > 0
+        if has_touched and not data.ncon and data.qvel[2] > 0:
             break
-    return max(0.0, float(data.qvel[2]) / _SPEED)
+    return max(0.0, float(data.qvel[2]) / _IMPACT_SPEED)
 
 
 def pair_value(
@@ -120,18 +120,20 @@ def pair_value(
     if values is None:
         return None
     if isinstance(values, Mapping):
-        for (one, other), value in values.items():
-            if _both(pair, (one, other)) or _both(pair, (other, one)):
-                return _checked(name, value)
+        for (pattern_a, pattern_b), value in values.items():
+            if _match_both(pair, (pattern_a, pattern_b)) or _match_both(
+                pair, (pattern_b, pattern_a)
+            ):
+                return _require_value(name, value)
         return None
     if not isinstance(values, str):
-        return _checked(name, values)
+        return _require_value(name, values)
     if values != "materials":
         raise OptionError(f'{name} is {values!r}: give a number, "materials", or one for each pair')
-    first, second = made_of
-    if first is None or second is None:
+    material_a, material_b = made_of
+    if material_a is None or material_b is None:
         return None
-    return _RULES[name](first, second)
+    return _RULES[name](material_a, material_b)
 
 
 def restitution_between(first: Material, second: Material) -> float:
@@ -140,9 +142,9 @@ def restitution_between(first: Material, second: Material) -> float:
     e = (e1 E2 + e2 E1) / (E1 + E2) of the values of each on its own kind, which stand in
     ``restitution.toml`` by material or by group.
     """
-    share = first.youngs_modulus / (first.youngs_modulus + second.youngs_modulus)
-    own, other = (_entry(each, "restitution") for each in (first, second))
-    return own * (1 - share) + other * share
+    weight = first.youngs_modulus / (first.youngs_modulus + second.youngs_modulus)
+    first_value, second_value = (_entry(material, "restitution") for material in (first, second))
+    return first_value * (1 - weight) + second_value * weight
 
 
 def friction_between(first: Material, second: Material) -> float:
@@ -153,28 +155,28 @@ def friction_between(first: Material, second: Material) -> float:
 _RULES = {"restitution": restitution_between, "friction": friction_between}
 
 
-def _is_pair(given: object) -> TypeIs[tuple[str, str]]:
+def _is_pair(key: object) -> TypeIs[tuple[str, str]]:
     """Return whether a key is two texts."""
-    return isinstance(given, tuple) and [type(each) for each in given] == [str, str]
+    return isinstance(key, tuple) and [type(part) for part in key] == [str, str]
 
 
-def _both(names: tuple[str, str], patterns: tuple[str, str]) -> bool:
-    return all(fnmatchcase(name, each) for name, each in zip(names, patterns, strict=True))
+def _match_both(names: tuple[str, str], patterns: tuple[str, str]) -> bool:
+    return all(fnmatchcase(name, pattern) for name, pattern in zip(names, patterns, strict=True))
 
 
-def _checked(name: str, value: float) -> float:
-    most, bound = (1.0, "0 to 1") if name == "restitution" else (10.0, "0 to 10")
-    require_number(name, value, 0.0, most, hint=f"it must lie from {bound}")
+def _require_value(name: str, value: float) -> float:
+    max_value, bounds = (1.0, "0 to 1") if name == "restitution" else (10.0, "0 to 10")
+    require_number(name, value, 0.0, max_value, hint=f"it must lie from {bounds}")
     return float(value)
 
 
 def _entry(material: Material, kind: str) -> float:
     """Return a material's own value, or that of its group; "other" where neither is known."""
-    own = table_of("struck.scene.engines", "restitution")["material"].get(material.name, {})
+    values = table_of("struck.scene.engines", "restitution")["material"].get(material.name, {})
     entry = materials().get(material.name)
     group = "other" if entry is None else str(entry["group"])
     return float(
-        own.get(kind, table_of("struck.scene.engines", "restitution")["group"][group][kind])
+        values.get(kind, table_of("struck.scene.engines", "restitution")["group"][group][kind])
     )
 
 
@@ -192,108 +194,131 @@ class ContactLaws:
             values = getattr(self, name)
             for pair in values if isinstance(values, Mapping) else ():
                 if not _is_pair(pair) or not any(
-                    _both(each, pair) for each in permutations(self.materials, 2)
+                    _match_both(each, pair) for each in permutations(self.materials, 2)
                 ):
-                    two, known = pair if _is_pair(pair) else (str(pair),), self.materials
-                    wrong = [each for each in two if not any(fnmatchcase(k, each) for k in known)]
-                    offer = "".join(nearest(each, known) for each in wrong)
+                    patterns, names = pair if _is_pair(pair) else (str(pair),), self.materials
+                    unknown_patterns = [
+                        each for each in patterns if not any(fnmatchcase(k, each) for k in names)
+                    ]
+                    suggestion = "".join(nearest(each, names) for each in unknown_patterns)
                     raise OptionError(
-                        f"{name} names {' and '.join(map(repr, two))}, which fit no two of "
-                        f"{', '.join(map(repr, known))}: {offer}give two names or patterns, as "
-                        "'ball*' and 'floor'"
+                        f"{name} names {' and '.join(map(repr, patterns))}, which fit no two of "
+                        f"{', '.join(map(repr, names))}: {suggestion}give two names or patterns, "
+                        "as 'ball*' and 'floor'"
                     )
 
     @property
-    def any_given(self) -> bool:
+    def has_values(self) -> bool:
         """Whether the options give any restitution or friction."""
         return self.restitution is not None or self.friction is not None
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Note of bodies without a material, which restitution="materials" would need."""
-        asked = [name for name in _RULES if getattr(self, name) == "materials"]
+        options = [name for name in _RULES if getattr(self, name) == "materials"]
         lacking = [name for name, material in self.materials.items() if material is None]
-        told = (
-            f"{' and '.join(asked)} of pairs with {', '.join(map(repr, lacking))} stay as the file "
-            f"says, for want of a material: give one by materials="
+        note = (
+            f"{' and '.join(options)} of pairs with {', '.join(map(repr, lacking))} stay as the "
+            "file says, for want of a material: give one by materials="
         )
-        return (told,) if asked and lacking else ()
+        return (note,) if options and lacking else ()
 
-    def between(self, one: str, other: str) -> tuple[float | None, float | None]:
+    def find_values(self, name_a: str, name_b: str) -> tuple[float | None, float | None]:
         """Return restitution and friction of two bodies; None where the file's own count."""
-        made_of = self.materials[one], self.materials[other]
+        made_of = self.materials[name_a], self.materials[name_b]
         return (
-            pair_value("restitution", self.restitution, (one, other), made_of),
-            pair_value("friction", self.friction, (one, other), made_of),
+            pair_value("restitution", self.restitution, (name_a, name_b), made_of),
+            pair_value("friction", self.friction, (name_a, name_b), made_of),
         )
 
     def give(self, spec: mujoco.MjSpec, model: mujoco.MjModel, links: Sequence[Link]) -> None:
         """Write the laws into a specification: the commonest to geoms, others to pairs of geoms."""
         touching = [[int(g) for g in link.geoms if touches(model, int(g))] for link in links]
         values = {}
-        for one, other in combinations(range(len(links)), 2):
-            if touching[one] and touching[other] and not links[one].fixed & links[other].fixed:
-                values[one, other] = self.between(links[one].name, links[other].name)
-        asked = Counter(value for value, _ in values.values() if value is not None)
-        laws = {value: contact_law(value, model.opt) for value in asked}
-        everywhere = len(asked) == 1 and all(value is not None for value, _ in values.values())
-        common = asked.most_common(1)[0][0] if everywhere else None
+        for link_a, link_b in combinations(range(len(links)), 2):
+            if (
+                touching[link_a]
+                and touching[link_b]
+                and not links[link_a].fixed & links[link_b].fixed
+            ):
+                values[link_a, link_b] = self.find_values(links[link_a].name, links[link_b].name)
+        restitution_counts = Counter(value for value, _ in values.values() if value is not None)
+        laws = {value: contact_law(value, model.opt) for value in restitution_counts}
+        is_uniform = len(restitution_counts) == 1 and all(
+            value is not None for value, _ in values.values()
+        )
+        common = restitution_counts.most_common(1)[0][0] if is_uniform else None
         if common is not None:
-            for geom in (spec.geom(model.geom(g).name) for each in touching for g in each):
+            for geom in (spec.geom(model.geom(g).name) for geoms in touching for g in geoms):
                 geom.solref, geom.solimp = laws[common].solref, IMPEDANCE
-        made = {(p.geomname1, p.geomname2): p for p in spec.pairs}
+        pair_specs = {(p.geomname1, p.geomname2): p for p in spec.pairs}
         count = 0
-        for (one, other), (bounce, friction) in values.items():
-            law = None if bounce is None or bounce == common else laws[bounce]
+        for (link_a, link_b), (restitution, friction) in values.items():
+            law = None if restitution is None or restitution == common else laws[restitution]
             if law is None and friction is None:
                 continue
-            for first, second in product(touching[one], touching[other]):
-                if _may_touch(model, first, second):
-                    _pair(spec, model, made, (first, second), law or (laws.get(bounce)), friction)
+            for geom_a, geom_b in product(touching[link_a], touching[link_b]):
+                if _may_touch(model, geom_a, geom_b):
+                    _pair(
+                        spec,
+                        model,
+                        pair_specs,
+                        (geom_a, geom_b),
+                        law or (laws.get(restitution)),
+                        friction,
+                    )
                     count += 1
-            if count > _MOST_PAIRS:
+            if count > _MAX_PAIRS:
                 raise OptionError(
-                    f"more than {_MOST_PAIRS} pairs of parts have values of their own: give one "
+                    f"more than {_MAX_PAIRS} pairs of parts have values of their own: give one "
                     'for all pairs, or convex="hull"'
                 )
 
 
-def _may_touch(model: mujoco.MjModel, one: int, other: int) -> bool:
+def _may_touch(model: mujoco.MjModel, geom_a: int, geom_b: int) -> bool:
     """Return whether MuJoCo lets two geoms of different bodies touch."""
-    masks = (model.geom_contype[one] & model.geom_conaffinity[other]) | (
-        model.geom_contype[other] & model.geom_conaffinity[one]
+    collision_bits = (model.geom_contype[geom_a] & model.geom_conaffinity[geom_b]) | (
+        model.geom_contype[geom_b] & model.geom_conaffinity[geom_a]
     )
-    bodies = sorted(int(model.geom_bodyid[geom]) for geom in (one, other))
-    excluded = (bodies[0] << 16) + bodies[1] in model.exclude_signature
-    first, second = (int(model.body_weldid[body]) for body in bodies)
-    parents = [int(model.body_weldid[model.body_parentid[each]]) for each in (first, second)]
-    family = first and second and (parents[0] == second or parents[1] == first)
-    return bool(masks) and not excluded and not family and first != second
+    bodies = sorted(int(model.geom_bodyid[geom]) for geom in (geom_a, geom_b))
+    is_excluded = (bodies[0] << 16) + bodies[1] in model.exclude_signature
+    link_a, link_b = (int(model.body_weldid[body]) for body in bodies)
+    parents = [int(model.body_weldid[model.body_parentid[link]]) for link in (link_a, link_b)]
+    family = link_a and link_b and (parents[0] == link_b or parents[1] == link_a)
+    return bool(collision_bits) and not is_excluded and not family and link_a != link_b
 
 
 def _pair(
     spec: mujoco.MjSpec,
     model: mujoco.MjModel,
-    made: Mapping[tuple[str, str], mujoco.MjsPair],
+    pair_specs: Mapping[tuple[str, str], mujoco.MjsPair],
     geoms: tuple[int, int],
     law: ContactLaw | None,
     friction: float | None,
 ) -> None:
     """Give two geoms a law of their own, all else as MuJoCo would mix it of theirs."""
     names = [model.geom(geom).name for geom in geoms]
-    own = made.get((names[0], names[1])) or made.get((names[1], names[0]))
-    if own is None:
-        own = spec.add_pair(geomname1=names[0], geomname2=names[1])
-        one, other = geoms
-        apart = int(model.geom_priority[one]) - int(model.geom_priority[other])
-        chosen = [one, other] if apart == 0 else [one if apart > 0 else other]
-        own.condim = int(model.geom_condim[chosen].max())
+    pair = pair_specs.get((names[0], names[1])) or pair_specs.get((names[1], names[0]))
+    if pair is None:
+        pair = spec.add_pair(geomname1=names[0], geomname2=names[1])
+        geom_a, geom_b = geoms
+        priority_difference = int(model.geom_priority[geom_a]) - int(model.geom_priority[geom_b])
+        chosen = (
+            [geom_a, geom_b]
+            if priority_difference == 0
+            else [geom_a if priority_difference > 0 else geom_b]
+        )
+        pair.condim = int(model.geom_condim[chosen].max())
         sliding, torsion, rolling = model.geom_friction[chosen].max(axis=0)
-        own.friction = (sliding, sliding, torsion, rolling, rolling)
-        own.margin = float(model.geom_margin[[one, other]].max())
-        own.gap = float(model.geom_gap[[one, other]].max())
-        own.solref, own.solimp = model.geom_solref[chosen[0]], model.geom_solimp[chosen[0]]
+        pair.friction = (sliding, sliding, torsion, rolling, rolling)
+        pair.margin = float(model.geom_margin[[geom_a, geom_b]].max())
+        pair.gap = float(model.geom_gap[[geom_a, geom_b]].max())
+        pair.solref, pair.solimp = model.geom_solref[chosen[0]], model.geom_solimp[chosen[0]]
     if law is not None:
-        own.solref, own.solimp = law.solref, IMPEDANCE
+        pair.solref, pair.solimp = law.solref, IMPEDANCE
     if friction is not None:
-        own.friction = (max(friction, _LEAST), max(friction, _LEAST), *own.friction[2:])
+        pair.friction = (
+            max(friction, _MIN_FRICTION),
+            max(friction, _MIN_FRICTION),
+            *pair.friction[2:],
+        )

@@ -36,11 +36,11 @@ if TYPE_CHECKING:
 
     from struck.model.mesh import Mesh
 
-_LARGEST_TEXT = 2**25  # bytes of one file of text
-_DEEPEST = 20  # files that include or attach each other in a row
-_MOST_FILES = 1000  # that one scene includes or attaches, each as often as it does
-_ATTACHED = "|attached "  # begins the name of the frame in place of an <attach>
-_READ_BY_MUJOCO = {".obj", ".stl", ".msh"}
+_MAX_TEXT_BYTES = 2**25  # bytes of one file of text
+_MAX_DEPTH = 20  # files that include or attach each other in a row
+_MAX_FILES = 1000  # that one scene includes or attaches, each as often as it does
+_ATTACHMENT_PREFIX = "|attached "  # begins the name of the frame in place of an <attach>
+_MUJOCO_SUFFIXES = {".obj", ".stl", ".msh"}
 _IMAGES = ("texture", "skin")  # neither moves nor sounds
 _PACKAGE = re.compile(r"package://([^/]*)/(.*)", re.DOTALL)
 _NAMES = re.compile(r"[^\w.-]+")
@@ -65,7 +65,9 @@ class SceneFile:
     assets: dict[str, bytes] = field(default_factory=dict)  # shared with the models it attaches
     notes: list[str] = field(default_factory=list)  # what was left out
     attachments: list[_Attachment] = field(default_factory=list)
-    attached: int = 0  # number of models that are attached, those of the attached ones as well
+    attachment_count: int = (
+        0  # number of models that are attached, those of the attached ones as well
+    )
     files: list[Path] = field(default_factory=list)  # that were read, shared as well
 
     @classmethod
@@ -109,9 +111,11 @@ class SceneFile:
 
     def _attach(self, spec: mujoco.MjSpec) -> None:
         """Join the attached models to a specification, at the frames in place of <attach>."""
-        for frame in [each for each in spec.frames if each.name.startswith(_ATTACHED)]:
+        for frame in [
+            element for element in spec.frames if element.name.startswith(_ATTACHMENT_PREFIX)
+        ]:
             # <replicate> ends the names of its copies, as it does those of their bodies.
-            number, _, suffix = frame.name.removeprefix(_ATTACHED).partition("|")
+            number, _, suffix = frame.name.removeprefix(_ATTACHMENT_PREFIX).partition("|")
             attachment = self.attachments[int(number)]
             child = attachment.model.spec()
             if not attachment.body:
@@ -119,7 +123,7 @@ class SceneFile:
                 continue
             body = child.body(attachment.body)
             if body is None:
-                names = [each.name for each in child.bodies if each.name != "world"]
+                names = [element.name for element in child.bodies if element.name != "world"]
                 raise FileFormatError(
                     f"<attach> names body {attachment.body!r} of model {attachment.name!r}, which "
                     f"has {', '.join(map(repr, names)) or 'none'}: "
@@ -141,7 +145,7 @@ class SceneFile:
         for assets in self.root.iter("asset"):
             for element in assets.findall("model"):
                 file = element.get("file", "")
-                model = self._model(self._inside(home / file, file), file, chain)
+                model = self._model(self._require_inside(home / file, file), file, chain)
                 models[element.get("name") or model.root.get("model") or Path(file).stem] = model
                 assets.remove(element)
         for element in self.root.iter("attach"):
@@ -160,14 +164,14 @@ class SceneFile:
             )
             element.tag = "frame"
             element.attrib.clear()
-            element.set("name", f"{_ATTACHED}{len(self.attachments)}|")
+            element.set("name", f"{_ATTACHMENT_PREFIX}{len(self.attachments)}|")
             self.attachments.append(attachment)
-            self.attached += 1 + attachment.model.attached
+            self.attachment_count += 1 + attachment.model.attachment_count
             self._require_few_files()
 
     def _model(self, path: Path, file: str, chain: tuple[Path, ...]) -> SceneFile:
         """Return a model that this one attaches."""
-        if path in chain or len(chain) == _DEEPEST:
+        if path in chain or len(chain) == _MAX_DEPTH:
             raise FileFormatError(f"{path} attaches itself: take one of the two out")
         model = SceneFile(
             root=self._parsed(path), folder=self.folder, assets=self.assets, files=self.files
@@ -188,9 +192,9 @@ class SceneFile:
         return _parsed(path)
 
     def _require_few_files(self) -> None:
-        if max(len(self.files), self.attached) > _MOST_FILES:
+        if max(len(self.files), self.attachment_count) > _MAX_FILES:
             raise FileFormatError(
-                f"the scene includes or attaches more than {_MOST_FILES} files: write out what "
+                f"the scene includes or attaches more than {_MAX_FILES} files: write out what "
                 "files include or attach again and again"
             )
 
@@ -200,19 +204,19 @@ class SceneFile:
             if child.tag != "include":
                 self._include(child, home, chain)
                 continue
-            path = self._inside(home / child.get("file", ""), child.get("file", ""))
-            if path in chain or len(chain) == _DEEPEST:
+            path = self._require_inside(home / child.get("file", ""), child.get("file", ""))
+            if path in chain or len(chain) == _MAX_DEPTH:
                 raise FileFormatError(f"{path} includes itself: take one of the two out")
-            included = self._parsed(path)
-            self._include(included, home, (*chain, path))
-            parent[number : number + 1] = list(included)
+            content = self._parsed(path)
+            self._include(content, home, (*chain, path))
+            parent[number : number + 1] = list(content)
 
     def _take_mjcf(self, home: Path) -> None:
         """Take meshes and height fields over as bytes, and leave pictures out."""
         compilers = list(self.root.iter("compiler"))
-        assets = home / _last(compilers, "assetdir", "")
-        meshes = home / _last(compilers, "meshdir", assets)
-        strips = _last(compilers, "strippath", "false") == "true"
+        assets = home / _find_last(compilers, "assetdir", "")
+        meshes = home / _find_last(compilers, "meshdir", assets)
+        strips = _find_last(compilers, "strippath", "false") == "true"
         for compiler in compilers:
             for name in ("assetdir", "meshdir", "texturedir", "strippath"):
                 compiler.attrib.pop(name, None)
@@ -229,11 +233,11 @@ class SceneFile:
             if "name" not in element.attrib and element.tag != "flexcomp":
                 element.set("name", Path(file).stem)
             name = Path(file).name if strips else file
-            element.set("file", self._asset(self._inside(meshes / name, file)))
+            element.set("file", self._asset(self._require_inside(meshes / name, file)))
 
     def _drop_images(self) -> None:
         for parent in list(self.root.iter()):
-            for child in [each for each in parent if each.tag in (*_IMAGES, "layer")]:
+            for child in [element for element in parent if element.tag in (*_IMAGES, "layer")]:
                 parent.remove(child)
             if parent.tag == "material":
                 parent.attrib.pop("texture", None)
@@ -245,9 +249,9 @@ class SceneFile:
         options = self.root.find("mujoco/compiler")
         meshes = "" if options is None else options.attrib.pop("meshdir", "")
         if options is None:
-            own = self.root.find("mujoco")
-            own = ET.SubElement(self.root, "mujoco") if own is None else own
-            options = ET.SubElement(own, "compiler")
+            section = self.root.find("mujoco")
+            section = ET.SubElement(self.root, "mujoco") if section is None else section
+            options = ET.SubElement(section, "compiler")
         options.attrib.update(strippath="false", discardvisual="false", fusestatic="false")
         for link in self.root.iter("link"):
             for part in list(link):
@@ -263,7 +267,7 @@ class SceneFile:
     ) -> None:
         file = mesh.get("filename", "")
         try:
-            mesh.set("filename", self._asset(self._found(file, home)))
+            mesh.set("filename", self._asset(self._locate_file(file, home)))
         except (MeshError, MissingDependencyError) as error:
             if part.tag != "visual":
                 raise
@@ -271,16 +275,18 @@ class SceneFile:
             name = link.get("name", "")
             self.notes.append(f"what is seen of {name!r} was left out ({error})")
 
-    def _found(self, file: str, home: Path) -> Path:
+    def _locate_file(self, file: str, home: Path) -> Path:
         """Return the path of a file that a URDF names by package, URL or relative path."""
         package = _PACKAGE.fullmatch(file)
         if package is None:
             local = unquote(file.removeprefix("file://"))
-            return self._inside(home / local, file)
-        name, rest = package.groups()
-        places = [self.folder / name / rest, self.folder / rest]
-        places += [up / rest for up in (home, *home.parents) if up.is_relative_to(self.folder)]
-        return self._inside(next(filter(is_file, places), places[0]), file)
+            return self._require_inside(home / local, file)
+        name, relative_path = package.groups()
+        candidates = [self.folder / name / relative_path, self.folder / relative_path]
+        candidates += [
+            up / relative_path for up in (home, *home.parents) if up.is_relative_to(self.folder)
+        ]
+        return self._require_inside(next(filter(is_file, candidates), candidates[0]), file)
 
     def _let_go(self, spec: mujoco.MjSpec) -> None:
         """Let a robot's first link move, unless it is called the world, as others read URDF."""
@@ -290,17 +296,17 @@ class SceneFile:
 
     # Files.
 
-    def _inside(self, path: Path, named: str) -> Path:
+    def _require_inside(self, path: Path, name: str) -> Path:
         """Return where a file really is, or refuse it."""
         place = real(path)
         if not place.is_relative_to(self.folder):
             raise FileFormatError(
-                f"{named!r} lies outside of {self.folder}, and nothing else is read: give the "
+                f"{name!r} lies outside of {self.folder}, and nothing else is read: give the "
                 "folder that holds both with folder="
             )
         if not is_file(place):
             raise FileFormatError(
-                f"{named!r} is not in {self.folder}: put it there, or name the folder that holds "
+                f"{name!r} is not in {self.folder}: put it there, or name the folder that holds "
                 "all files of the scene with folder="
             )
         return place
@@ -308,12 +314,12 @@ class SceneFile:
     def _asset(self, path: Path) -> str:
         """Keep a file's content, and return the name under which MuJoCo finds it."""
         kind = path.suffix.lower()
-        kept = kind if kind in _READ_BY_MUJOCO | {".png", ".bin", ".gmsh"} else ".stl"
+        suffix = kind if kind in _MUJOCO_SUFFIXES | {".png", ".bin", ".gmsh"} else ".stl"
         base = _NAMES.sub("_", path.relative_to(self.folder).with_suffix("").as_posix())
-        name = f"{base}_{kind[1:]}{kept}"
+        name = f"{base}_{kind[1:]}{suffix}"
         if name not in self.assets:
-            as_it_is = kept == kind
-            self.assets[name] = read_bytes(path) if as_it_is else _stl(load_surface(path))
+            is_unchanged = suffix == kind
+            self.assets[name] = read_bytes(path) if is_unchanged else _stl(load_surface(path))
         return name
 
 
@@ -330,22 +336,24 @@ def mujoco_itself():  # noqa: ANN201 - a module
 
 
 def _parsed(path: Path) -> ET.Element:
-    data = read_bytes(path, most=_LARGEST_TEXT)
+    data = read_bytes(path, most=_MAX_TEXT_BYTES)
     if b"\0" in data:
-        why = another_kind(path, "scene") or "is no text"
-        raise FileFormatError(f"{path} {why}; give a scene in MJCF or URDF, as scene.xml")
-    if any(each in data for each in (b"<!ENTITY", b"<!DOCTYPE")):
+        problem = another_kind(path, "scene") or "is no text"
+        raise FileFormatError(f"{path} {problem}; give a scene in MJCF or URDF, as scene.xml")
+    if any(marker in data for marker in (b"<!ENTITY", b"<!DOCTYPE")):
         raise FileFormatError(f"{path} declares entities, which are not taken: write them out")
     try:
         return ET.fromstring(data)  # noqa: S314 - without entities
     except (ET.ParseError, ValueError, LookupError) as error:
-        why = another_kind(path, "scene") or f"is no XML ({error})"
-        raise FileFormatError(f"{path} {why}; give a scene in MJCF or URDF, as scene.xml") from None
+        problem = another_kind(path, "scene") or f"is no XML ({error})"
+        raise FileFormatError(
+            f"{path} {problem}; give a scene in MJCF or URDF, as scene.xml"
+        ) from None
 
 
-def _last(elements: list[ET.Element], name: str, otherwise: str | Path) -> str | Path:
+def _find_last(elements: list[ET.Element], name: str, default: str | Path) -> str | Path:
     """Return the last value of an attribute that several elements may set."""
-    return next((e.attrib[name] for e in reversed(elements) if name in e.attrib), otherwise)
+    return next((e.attrib[name] for e in reversed(elements) if name in e.attrib), default)
 
 
 def _stl(surface: Mesh) -> bytes:

@@ -28,7 +28,7 @@ from struck.scene.engines.mujoco import MujocoEngine
 from struck.scene.engines.restitution import ContactLaws, PairValues
 from struck.scene.engines.scene_file import SceneFile, mujoco_itself
 from struck.scene.engines.sound_sources import SoundOptions, SoundSources, model_mass
-from struck.scene.gathered_notes import QUOTED, listed
+from struck.scene.gathered_notes import QUOTED_FORM, list_names
 
 if TYPE_CHECKING:
     import mujoco
@@ -38,15 +38,15 @@ if TYPE_CHECKING:
 
 ENGINES = ("mujoco", "rapier")
 _DENSITY = 1000.0  # kg/m^3, that MuJoCo takes where nothing is said
-_LONGEST = 3600.0  # s
-_TOLD = 50  # steps between two words of progress
+_MAX_SECONDS = 3600.0  # s
+_PROGRESS_STEPS = 50  # steps between two words of progress
 
 
 def require_seconds(seconds: float, ring: float = 0.0) -> None:
     """Refuse lengths that no simulation has; before bodies are analyzed, which takes longer."""
-    wanted = "it must lie above 0 and at most at 3600"
-    require_number("seconds", seconds, 0, _LONGEST, above=True, hint=wanted)
-    require_number("ring", ring, 0, _LONGEST - seconds, hint="give 0 s or more", unit=" s")
+    hint = "it must lie above 0 and at most at 3600"
+    require_number("seconds", seconds, 0, _MAX_SECONDS, above=True, hint=hint)
+    require_number("ring", ring, 0, _MAX_SECONDS - seconds, hint="give 0 s or more", unit=" s")
 
 
 @checked
@@ -128,19 +128,23 @@ class Simulation:
         **sounds: Any,  # noqa: ANN401 - of `SoundOptions`
     ) -> None:
         _require_choices(engine, convex, step)
-        own = ["seconds", "control", *signature(Simulation).parameters][:-1]  # as of `simulate`
-        known = list(dict.fromkeys([*own, *(each.name for each in fields(SoundOptions))]))
-        if not sounds.keys() <= {*known}:
-            refuse_names("simulate", 1, known, (), sounds)
+        parameters = ["seconds", "control", *signature(Simulation).parameters][
+            :-1
+        ]  # as of `simulate`
+        names = list(
+            dict.fromkeys([*parameters, *(option.name for option in fields(SoundOptions))])
+        )
+        if not sounds.keys() <= {*names}:
+            refuse_names("simulate", 1, names, (), sounds)
         mujoco_itself()
-        read = SceneFile.of(file, folder)
-        spec = _named(read.spec())
+        scene_file = SceneFile.of(file, folder)
+        spec = _name_all(scene_file.spec())
         if step is not None:
             spec.option.timestep = step
         self._stages = Stages(cache=opened(choice=cache), progress=progress)
         self._sources = SoundSources(SoundOptions(cache=cache, progress=progress, **sounds))
         self._engine, self._keyframe, self._convex = engine, keyframe, convex
-        self._prepare(spec, read.notes, restitution, friction)
+        self._prepare(spec, scene_file.notes, restitution, friction)
 
     def _prepare(
         self,
@@ -151,7 +155,7 @@ class Simulation:
     ) -> None:
         """Check the scene, analyze its bodies, and give the engine masses, hulls and laws."""
         # All that can be wrong without a mode is found before the first one is computed.
-        model = _compiled(spec)
+        model = _compile(spec)
         links = links_of(model)
         materials = self._sources.prepare(links)
         laws = ContactLaws(materials=materials, restitution=restitution, friction=friction)
@@ -160,18 +164,20 @@ class Simulation:
             hulls = cut(spec, model, self._stages)
         elif not model.nmesh:
             hulls = ["convex='hull' changes nothing: no body is a mesh"]
-        whole = _compiled(spec)
-        if self._engine == "mujoco" and laws.any_given:
-            laws.give(spec, whole, links_of(whole))
-            whole = _compiled(spec)
-        parts = links_of(whole)
-        overlapping = overlaps(whole, MujocoEngine(whole, parts, self._keyframe).data, parts)
-        self._laws, self.model, self._links = laws, whole, parts
+        whole_model = _compile(spec)
+        if self._engine == "mujoco" and laws.has_values:
+            laws.give(spec, whole_model, links_of(whole_model))
+            whole_model = _compile(spec)
+        parts = links_of(whole_model)
+        overlapping = overlaps(
+            whole_model, MujocoEngine(whole_model, parts, self._keyframe).data, parts
+        )
+        self._laws, self.model, self._links = laws, whole_model, parts
         self.started()  # the engine refuses what it cannot move
 
         bodies = self._sources.bodies(links, [mass_properties(model, link) for link in links])
         masses = _give_masses(spec, model, links, bodies)
-        self.model = _compiled(spec)
+        self.model = _compile(spec)
         self._links = links_of(self.model)
         self._masses = free_masses(self.model, self._links)
         start = MujocoEngine(self.model, self._links, self._keyframe)
@@ -222,13 +228,13 @@ class Simulation:
         engine = self.started()
         count = max(1, round(seconds / engine.step))
         for number in range(count):
-            if number % _TOLD == 0:
+            if number % _PROGRESS_STEPS == 0:
                 progress("moving the bodies", number / count)
             engine.advance(control)
         progress("moving the bodies", 1.0)
         contacts = engine.contacts()
         self.require_no_blast(contacts)
-        notes = (*contacts.notes, *self._watched(contacts))
+        notes = (*contacts.notes, *self._find_warnings(contacts))
         contacts = replace(contacts, notes=notes)
         return replace(self.scene, notes=(*self.notes, *notes)).posed(contacts), contacts
 
@@ -236,7 +242,7 @@ class Simulation:
         """Refuse a log of its bodies in which one gains far more speed than contacts can give."""
         require_no_blast(contacts, self._masses)
 
-    def _watched(self, contacts: Contacts) -> list[str]:
+    def _find_warnings(self, contacts: Contacts) -> list[str]:
         """Return warnings about a finished run."""
         if not len(contacts):
             return ["nothing touches anything, so that there is no sound: let it run longer"]
@@ -252,31 +258,31 @@ def _require_choices(engine: str, convex: str, step: float | None) -> None:
         require_number("step", step, 1e-6, 0.1, hint="it must lie from 1e-6 to 0.1 s")
 
 
-def _named(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+def _name_all(spec: mujoco.MjSpec) -> mujoco.MjSpec:
     """Give each body and geom a name of its own."""
-    for kind, found in (("body", spec.bodies), ("geom", spec.geoms)):
-        taken = {each.name for each in found}
+    for kind, elements in (("body", spec.bodies), ("geom", spec.geoms)):
+        used_names = {element.name for element in elements}
         number = 0
-        for each in found:
-            while not each.name:
+        for element in elements:
+            while not element.name:
                 name = f"{kind} {number}"
-                each.name, number = (name if name not in taken else ""), number + 1
+                element.name, number = (name if name not in used_names else ""), number + 1
     return spec
 
 
-def _compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
+def _compile(spec: mujoco.MjSpec) -> mujoco.MjModel:
     try:
         return spec.compile()
     except ValueError as error:
-        told = " ".join(str(error).split())
-        raise SimulationError(f"MuJoCo refuses the scene: {told}") from None
+        reason = " ".join(str(error).split())
+        raise SimulationError(f"MuJoCo refuses the scene: {reason}") from None
 
 
 def _give_masses(
     spec: mujoco.MjSpec, model: mujoco.MjModel, links: Sequence[Link], bodies: Mapping[str, Body]
 ) -> list[str]:
     """Give bodies the mass of their finite elements where the file gives none; return a note."""
-    given: dict[str, float] = {}
+    masses: dict[str, float] = {}
     for link in links:
         sound = bodies[link.name].model
         mass = model_mass(sound) if isinstance(sound, ModalModel) else None
@@ -285,27 +291,30 @@ def _give_masses(
         body = spec.body(model.body(link.frame).name)
         weighing = [spec.geom(model.geom(int(geom)).name) for geom in link.geoms]
         if body.explicitinertial or any(
-            np.isfinite(each.mass) or each.density not in {0.0, _DENSITY} for each in weighing
+            np.isfinite(geom.mass) or geom.density not in {0.0, _DENSITY} for geom in weighing
         ):
             continue
         if len({model.geom_bodyid[geom] for geom in link.geoms}) > 1:
             continue
-        own = mass.seen_from(link.placement)
-        body.explicitinertial, body.mass, body.ipos = True, own.mass, own.centre
-        body.fullinertia = own.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-        given[link.name] = own.mass
-    return _masses_in_words(given)
+        properties = mass.seen_from(link.placement)
+        body.explicitinertial, body.mass, body.ipos = True, properties.mass, properties.centre
+        body.fullinertia = properties.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+        masses[link.name] = properties.mass
+    return _masses_in_words(masses)
 
 
 def _masses_in_words(masses: Mapping[str, float]) -> list[str]:
     """Return a note of the masses that finite elements have given to bodies."""
     if not masses:
         return []
-    names = listed(list(masses), QUOTED)
+    names = list_names(list(masses), QUOTED_FORM)
     if len(masses) == 1:
         return [
             f"{names} weighs {rounded(mass, 3)} kg, as its elements do" for mass in masses.values()
         ]
-    least, most = f"{rounded(min(masses.values()), 3)}", f"{rounded(max(masses.values()), 3)}"
-    each = f"{most} kg each" if least == most else f"{least} to {most} kg"
-    return [f"{counted(len(masses), 'body')} weigh {each}, as their elements do: {names}"]
+    min_mass, max_mass = (
+        f"{rounded(min(masses.values()), 3)}",
+        f"{rounded(max(masses.values()), 3)}",
+    )
+    amount = f"{max_mass} kg each" if min_mass == max_mass else f"{min_mass} to {max_mass} kg"
+    return [f"{counted(len(masses), 'body')} weigh {amount}, as their elements do: {names}"]

@@ -28,7 +28,7 @@ from struck.model.model import ModalModel
 from struck.model.provenance import Progress, silent
 from struck.scene.body import Body, RigidBody
 from struck.scene.engines.links import Link, MassProperties
-from struck.scene.gathered_notes import QUOTED, listed, of_several
+from struck.scene.gathered_notes import QUOTED_FORM, list_names, with_plural
 from struck.solids.resolution import level
 
 if TYPE_CHECKING:
@@ -36,10 +36,10 @@ if TYPE_CHECKING:
 
 # By patterns of the bodies' names, as in {"mug*": "ceramic"}; of several that fit the first counts.
 Materials = str | Material | Mapping[str, str | Material]
-Shaped = Solid | Mesh | str | os.PathLike[str]
-Sounding = ModalModel | Shaped
+ShapeSource = Solid | Mesh | str | os.PathLike[str]
+Sounding = ModalModel | ShapeSource
 T = TypeVar("T")
-_ANALYZED = {"materials", "walls", "fixed"}  # options of bodies whose modes are computed
+_ANALYSIS_OPTIONS = {"materials", "walls", "fixed"}  # options of bodies whose modes are computed
 
 
 @checked
@@ -64,7 +64,7 @@ class SoundOptions:
 
         `welded` names the bodies of a file that are part of another one, with that one's name.
         """
-        finished = [name for name in names if _is_finished(_chosen(self.models, name))]
+        finished_names = [name for name in names if _is_finished(_chosen(self.models, name))]
         tables = {
             "materials": self.materials if isinstance(self.materials, Mapping) else {},
             "models": self.models,
@@ -76,7 +76,9 @@ class SoundOptions:
         for option, table in tables.items():
             for pattern in table or ():
                 fitting = [name for name in names if fnmatchcase(name, pattern)]
-                part = next((each for each in welded or () if fnmatchcase(each, pattern)), None)
+                part = next(
+                    (member for member in welded or () if fnmatchcase(member, pattern)), None
+                )
                 if not fitting and welded and part is not None:
                     raise OptionError(
                         f"{option} names {pattern!r}, and {part!r} is welded to {welded[part]!r}: "
@@ -88,7 +90,7 @@ class SoundOptions:
                         f"{option} names {pattern!r}: {nearest(pattern, names)}give one of "
                         f"{', '.join(names)}, or a pattern as 'mug*'"
                     )
-                if option in _ANALYZED and set(fitting) <= set(finished):
+                if option in _ANALYSIS_OPTIONS and set(fitting) <= set(finished_names):
                     raise OptionError(
                         f"{option} names {pattern!r}, whose modes a finished model gives: leave it "
                         "out, or give a mesh in models="
@@ -98,8 +100,8 @@ class SoundOptions:
         """Refuse unknown materials, surfaces, accuracies and damping, and impossible walls."""
         level(self.accuracy)
         require_damping(self.damping)
-        named = self.materials if isinstance(self.materials, Mapping) else {"*": self.materials}
-        for material in named.values():
+        materials = self.materials if isinstance(self.materials, Mapping) else {"*": self.materials}
+        for material in materials.values():
             if isinstance(material, str):
                 Material.named(material)
         for surface in (self.roughness or {}).values():
@@ -113,9 +115,9 @@ class SoundSources:
 
     def __init__(self, options: SoundOptions) -> None:
         self._options = options
-        self._made: dict[str, ModalModel | str] = {}
+        self._results: dict[str, ModalModel | str] = {}
         self._materials: dict[str, Material | None] = {}
-        self._finished: dict[str, ModalModel] = {}
+        self._finished_models: dict[str, ModalModel] = {}
         self._silent: dict[str, list[str]] = {}  # names of bodies by the reason
         self._remarks: list[str] = []
 
@@ -126,10 +128,10 @@ class SoundSources:
 
     def _reasons(self) -> Iterator[str]:
         for reason, names in self._silent.items():
-            several = len(names) > 1
-            verb = "are" if several else "is"
-            text = of_several(reason) if several else reason
-            yield f"{listed(names, QUOTED)} {verb} silent: {text}"
+            is_plural = len(names) > 1
+            verb = "are" if is_plural else "is"
+            text = with_plural(reason) if is_plural else reason
+            yield f"{list_names(names, QUOTED_FORM)} {verb} silent: {text}"
 
     def prepare(self, links: Sequence[Link]) -> Mapping[str, Material | None]:
         """Check all options against the bodies, and return the material of each body.
@@ -137,17 +139,17 @@ class SoundSources:
         No mode is computed here; finished models are loaded.
         """
         options = self._options
-        welded = {part: link.name for link in links for part in link.welded}
-        options.require_known([link.name for link in links], welded)
+        part_owners = {part: link.name for link in links for part in link.welded}
+        options.require_known([link.name for link in links], part_owners)
         options.require_possible()
         for link in links:
-            given = _chosen(options.models, link.name)
+            source = _chosen(options.models, link.name)
             material = self._material(link)
-            if _is_finished(given) and not self._is_mute(link.name):
-                model = given if isinstance(given, ModalModel) else load_model(given)
-                self._finished[link.name], material = model, model.material
-            elif isinstance(given, str | os.PathLike):
-                require_readable(given)
+            if _is_finished(source) and not self._is_mute(link.name):
+                model = source if isinstance(source, ModalModel) else load_model(source)
+                self._finished_models[link.name], material = model, model.material
+            elif isinstance(source, str | os.PathLike):
+                require_readable(source)
             self._materials[link.name] = material
         return self._materials
 
@@ -166,14 +168,14 @@ class SoundSources:
             if reason:
                 self._silent.setdefault(reason, []).append(link.name)
             bodies[link.name] = Body(
-                model=model or _rigid(link, material, mass),
+                model=model or _make_rigid_body(link, material, mass),
                 fixed=link.fixed,
                 roughness=_chosen(options.roughness, link.name),
             )
-        if not self._made:
-            usual = {each.name: each.default for each in fields(SoundOptions)}
+        if not self._results:
+            defaults = {option.name: option.default for option in fields(SoundOptions)}
             for name in ("accuracy", "damping", "band"):
-                if (value := getattr(options, name)) != usual[name]:
+                if (value := getattr(options, name)) != defaults[name]:
                     self._remarks.append(f"{name}={value!r} changes nothing: no body is analyzed")
         return bodies
 
@@ -182,78 +184,78 @@ class SoundSources:
 
     def material(self, name: str) -> Material | None:
         """Return the material that the options give a body, or None."""
-        said = self._options.materials
-        chosen = _chosen(said, name) if isinstance(said, Mapping) else said
+        materials = self._options.materials
+        chosen = _chosen(materials, name) if isinstance(materials, Mapping) else materials
         if chosen is None or isinstance(chosen, Material):
             return chosen
-        return self._named(chosen)
+        return self._find_material(chosen)
 
     def _material(self, link: Link) -> Material | None:
         """Return the material of a body by the options, or else by the file."""
-        said = self.material(link.name)
-        if said is not None or not link.material:
-            return said
+        material = self.material(link.name)
+        if material is not None or not link.material:
+            return material
         try:
-            return self._named(link.material)
+            return self._find_material(link.material)
         except MaterialError:
             return None
 
-    def _named(self, name: str) -> Material:
+    def _find_material(self, name: str) -> Material:
         """Return a material with the damping asked for, or its own where it has no such set."""
-        own, damping = Material.named(name), self._options.damping
+        material, damping = Material.named(name), self._options.damping
         with suppress(MaterialError):
             return Material.named(name, damping)
-        note = f"{own.name} has no set {damping!r}: it rings by its own damping"
+        note = f"{material.name} has no set {damping!r}: it rings by its own damping"
         self._remarks += [note] * (note not in self._remarks)
-        return own
+        return material
 
     def _model(self, link: Link, material: Material | None) -> tuple[ModalModel | None, str]:
         """Return the model of a link's sound, or why there is none."""
         if self._is_mute(link.name):
             return None, "mute= says so"
-        if link.name in self._finished:
-            return self._finished[link.name], ""
-        given = _chosen(self._options.models, link.name)
-        shape = None if _is_finished(given) else given
+        if link.name in self._finished_models:
+            return self._finished_models[link.name], ""
+        source = _chosen(self._options.models, link.name)
+        shape = None if _is_finished(source) else source
         shape = shape or link.shape
         if shape is None:
             return None, f"{link.why_silent}; name a shape with models="
         if material is None:
-            called = f" ({link.material!r} is none of struck's)" if link.material else ""
-            return None, f"its material is not given{called}; name it with materials="
-        made = self._analyzed(shape, material, link.name)
-        return (None, made) if isinstance(made, str) else (made, "")
+            description = f" ({link.material!r} is none of struck's)" if link.material else ""
+            return None, f"its material is not given{description}; name it with materials="
+        result = self._analyze_shape(shape, material, link.name)
+        return (None, result) if isinstance(result, str) else (result, "")
 
-    def _analyzed(self, shape: Shaped, material: Material, name: str) -> ModalModel | str:
+    def _analyze_shape(self, shape: ShapeSource, material: Material, name: str) -> ModalModel | str:
         """Return the modal model of a shape, or the message of the error it ended in."""
         options = self._options
-        wall, fixed = _chosen(options.walls, name), _chosen(options.fixed, name)
-        key = fingerprint((_content(shape), material, wall, _content(fixed)))
-        if key not in self._made:
+        wall, support = _chosen(options.walls, name), _chosen(options.fixed, name)
+        key = fingerprint((_make_key(shape), material, wall, _make_key(support)))
+        if key not in self._results:
             try:
-                self._made[key] = analyze(
+                self._results[key] = analyze(
                     shape,
                     material,
                     wall=wall,
-                    fixed=fixed,
+                    fixed=support,
                     band=options.band,
                     **applicable(shape, accuracy=options.accuracy),
                     cache=options.cache,
                     progress=options.progress,
                 )
             except StruckError as error:
-                self._made[key] = str(error)
-        return self._made[key]
+                self._results[key] = str(error)
+        return self._results[key]
 
 
-def _is_finished(given: Sounding | None) -> TypeIs[ModalModel | str | os.PathLike[str]]:
+def _is_finished(source: Sounding | None) -> TypeIs[ModalModel | str | os.PathLike[str]]:
     """Return whether the entry of `models` for a body is a model, or a model's file."""
-    if isinstance(given, str | os.PathLike):
-        return Path(given).suffix == ".struck"
-    return isinstance(given, ModalModel)
+    if isinstance(source, str | os.PathLike):
+        return Path(source).suffix == ".struck"
+    return isinstance(source, ModalModel)
 
 
-def _content(value: object) -> object:
+def _make_key(value: object) -> object:
     """Return a key that is equal for equal shapes or supports; for a callable, its identity."""
     if callable(value):
         return id(value)
@@ -264,7 +266,9 @@ def _content(value: object) -> object:
     return repr(value) if isinstance(value, Solid) else value
 
 
-def _rigid(link: Link, material: Material | None, mass: MassProperties | None) -> RigidBody:
+def _make_rigid_body(
+    link: Link, material: Material | None, mass: MassProperties | None
+) -> RigidBody:
     """Return the surface and mass of a link that makes no sound."""
     shape = link.shape
     if isinstance(shape, Solid):

@@ -11,8 +11,8 @@ from struck.model.arrays import Array, Index
 from struck.scene.contacts import Contacts, Poses
 from struck.scene.engines.links import Link
 
-_POSES = 240.0  # Hz, at which bodies are placed that touch nothing
-_IMPULSE = slice(13, 16)  # columns of a row
+_POSE_RATE = 240.0  # Hz, at which bodies are placed that touch nothing
+_IMPULSE_COLUMNS = slice(13, 16)  # columns of a row
 
 
 class StepLog:
@@ -20,7 +20,7 @@ class StepLog:
 
     def __init__(self, links: Sequence[Link]) -> None:
         self._links, self._last = links, -np.inf
-        self._rows = [np.zeros((0, _IMPULSE.stop))]
+        self._rows = [np.zeros((0, _IMPULSE_COLUMNS.stop))]
         self._poses: list[tuple[float, Array, Array]] = []
 
     def touch(
@@ -28,30 +28,32 @@ class StepLog:
         time: float,
         step: float,
         pairs: Index,
-        places: Array,
+        points: Array,
         normals: Array,
         velocities: Array,
         impulses: Array,
     ) -> None:
         """Record the contacts of one step, (K, ...), summed for one pair at one place."""
         clock = np.broadcast_to([time, step], (len(pairs), 2))
-        rows = np.hstack([clock, pairs.astype(np.float64), places, normals, velocities, impulses])
-        alike = (rows[1:, : _IMPULSE.start] == rows[:-1, : _IMPULSE.start]).all(axis=1)
-        if alike.any():
-            first = np.flatnonzero(np.append(True, ~alike))
-            sums = np.add.reduceat(rows[:, _IMPULSE], first, axis=0)
+        rows = np.hstack([clock, pairs.astype(np.float64), points, normals, velocities, impulses])
+        is_duplicate = (
+            rows[1:, : _IMPULSE_COLUMNS.start] == rows[:-1, : _IMPULSE_COLUMNS.start]
+        ).all(axis=1)
+        if is_duplicate.any():
+            first = np.flatnonzero(np.append(True, ~is_duplicate))
+            sums = np.add.reduceat(rows[:, _IMPULSE_COLUMNS], first, axis=0)
             rows = rows[first]
-            rows[:, _IMPULSE] = sums
+            rows[:, _IMPULSE_COLUMNS] = sums
         self._rows.append(rows)
 
-    def due(self, time: float) -> bool:
+    def is_due(self, time: float) -> bool:
         """Return whether bodies are to be placed at a time, s, without a contact."""
-        return time - self._last >= 1 / _POSES - 1e-9
+        return time - self._last >= 1 / _POSE_RATE - 1e-9
 
-    def pose(self, time: float, places: Array, turns: Array) -> None:
+    def pose(self, time: float, positions: Array, rotations: Array) -> None:
         """Note where the frames of all links are: (links, 3), and quaternions (links, 4)."""
         self._last = time
-        self._poses.append((time, places, turns))
+        self._poses.append((time, positions, rotations))
 
     def contacts(self, notes: tuple[str, ...] = (), *, forget: bool = False) -> Contacts:
         """Return the log so far; or since it was asked to forget all that it had returned."""
@@ -60,7 +62,7 @@ class StepLog:
         rows = np.concatenate(self._rows)
         time, step, body0, body1 = rows[:, :4].T
         position, normal, velocity, impulse = np.split(rows[:, 4:], (3, 6, 9), axis=1)
-        poses = self._placed()
+        poses = self._compute_poses()
         if forget:
             self._rows, self._poses = self._rows[:1], self._poses[-1:]
         return Contacts(
@@ -77,16 +79,18 @@ class StepLog:
             notes=notes,
         )
 
-    def _placed(self) -> Poses:
+    def _compute_poses(self) -> Poses:
         """Return where the coordinates of all shapes are."""
         times = np.array([time for time, _, _ in self._poses])
         parts = []
         for number, link in enumerate(self._links):
             poses = self._poses[:1] if link.fixed else self._poses  # what stands needs one row
-            places = np.stack([place[number] for _, place, _ in poses])
-            turns = np.stack([turn[number] for _, _, turn in poses])
-            here = times[: len(poses)]
-            moved = link.placement.carried(places, turns)
-            parts.append((here, np.full(len(here), number), *moved))
-        time, body, position, rotation = (np.concatenate(each) for each in zip(*parts, strict=True))
+            positions = np.stack([position[number] for _, position, _ in poses])
+            rotations = np.stack([rotation[number] for _, _, rotation in poses])
+            pose_times = times[: len(poses)]
+            coordinates = link.placement.carried(positions, rotations)
+            parts.append((pose_times, np.full(len(pose_times), number), *coordinates))
+        time, body, position, rotation = (
+            np.concatenate(columns) for columns in zip(*parts, strict=True)
+        )
         return Poses(time=time, body=body, position=position, rotation=rotation)
