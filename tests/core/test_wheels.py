@@ -241,4 +241,4 @@ def test_an_unknown_machine_gets_struck_without_a_core_that_says_so_once(tmp_pat
         command, cwd=tmp_path, env=told, capture_output=True, text=True, check=True
     )
     assert done.stderr.count("CoreWarning") == 1, done.stderr
-    assert f"there is none for {platform.system().lower()}-x" in done.stderr
+    assert f"there is no library for {platform.system().lower()}-x" in done.stderr

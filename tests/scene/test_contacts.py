@@ -57,7 +57,7 @@ def test_normals_are_of_length_one_or_those_of_impulses() -> None:
         ({"body1": [1, 0.5, 1]}, r"body1 is 0.5: give whole numbers"),
         ({"position": np.zeros((2, 3))}, r"position has shape \(2, 3\): give \(3, 3\)"),
         ({"dt": -1.0}, r"dt is -1.0 s in row 0"),
-        ({"names": ["ball", "ball"]}, "a name of its own"),
+        ({"names": ["ball", "ball"]}, "a different name"),
     ],
 )
 def test_rows_that_cannot_be_are_refused(changes: dict[str, Any], message: str) -> None:

@@ -206,7 +206,7 @@ def test_both_bodies_get_the_same_force() -> None:
     for name, body in excited.items():
         for action in body.actions:
             pushing = action.begin(body.model, RATE)
-            way = action.direction if isinstance(action, Strike) else action.ways[0]
+            way = action.direction if isinstance(action, Strike) else action.directions[0]
             push = pushing.advance(RATE)
             if push is not None:
                 forces[name] += np.outer(push.force, way)

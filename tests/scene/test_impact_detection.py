@@ -20,7 +20,7 @@ def blows(impulses: Array, step: float, approach: Array | None = None) -> tuple[
     found = detect_impacts(some * step, np.full(len(some), step), impulses[some], coming)
     load = np.zeros(len(impulses))
     load[some] = found.load
-    return found.blows, float(impulses[some] @ (found.share * (found.blow >= 0))), load
+    return found.blows, float(impulses[some] @ (found.fraction * (found.blow >= 0))), load
 
 
 @pytest.mark.parametrize("step", [0.25e-3, 1e-3, 2e-3, 1 / 60])

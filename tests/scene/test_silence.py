@@ -140,7 +140,7 @@ STRUCK = Body(model=BLOCK, excitations=STRIKE)
 @pytest.mark.parametrize(
     ("bodies", "said"),
     [
-        (STRUCK, r"the Body has its own excitations \(1\), and more are given beside it: give all"),
+        (STRUCK, r"the Body has its own excitations \(1\), and more are given besides: give all"),
         ([STRUCK], r"the Body has its own excitations \(1\)"),
         ([Body(model=BLOCK)] * 2, "there are 2 bodies, and nothing says which of them is excited"),
         ([STRUCK, Body(model=BLOCK)], "there are 2 bodies"),

@@ -111,7 +111,7 @@ SIGNATURES: dict[str, str] = {
 
 @cache
 def library() -> ctypes.CDLL | None:
-    """Return the library of this processor; None, with one warning, where there is none."""
+    """Return the library of this processor; None, with one warning, if there is no library."""
     chosen = os.environ.get("STRUCK_CORE", "")
     if chosen:
         require_choice("STRUCK_CORE", chosen, CHOICES, more=", or leave it out")
@@ -130,7 +130,7 @@ def _opened(chosen: str) -> ctypes.CDLL:
 
     targets = TARGETS.get(this_platform())
     if not targets:
-        raise OSError(f"there is none for {this_platform()}")
+        raise OSError(f"there is no library for {this_platform()}")
     base_library = _checked(targets[0].name + targets[0].ending)
     level = base_library.core_level()
     if level == 0:
@@ -138,7 +138,7 @@ def _opened(chosen: str) -> ctypes.CDLL:
     target_level = int(chosen[1:]) if chosen else min(level, 4)
     if not 2 <= target_level <= level:
         raise OSError(
-            f"it asks for a processor of x86-64-v{max(target_level, 2)}, this is a v{level}"
+            f"it requires a processor of x86-64-v{max(target_level, 2)}, this is a v{level}"
         )
     return _checked(f"core_v{target_level}{targets[0].ending}")
 
@@ -161,7 +161,7 @@ def _checked(name: str, folder: Path = _LIBRARIES) -> ctypes.CDLL:
     except AttributeError:
         is_current = False
     if not is_current:
-        raise OSError(f"{path} is of other sources than those beside it")
+        raise OSError(f"{path} was compiled from other sources than those next to it")
     return loaded_library
 
 

@@ -1,9 +1,8 @@
 """Compilation of the core's C files into shared libraries, by the C compiler in ``ziglang``.
 
-Installation runs this by itself. In a source tree ``python src/struck/core/build.py`` does the same
-again after a C file has changed, for this machine and for the page (``core.wasm``); it needs
-``pip install ziglang``. Only the standard library is used, as the build backend runs this file by
-its path.
+Installation runs this. In a source tree ``python src/struck/core/build.py`` compiles again after a
+C file has changed, for this machine and for the page (``core.wasm``); it needs the package
+``ziglang``. Only the standard library is used, as the build backend runs this file by its path.
 """
 
 from __future__ import annotations
@@ -29,8 +28,8 @@ WARNINGS = ("-Wall", "-Wextra", "-Werror")
 STRICT_FILES = frozenset(
     {"limiter", "queue", "callback", "recorder"}
 )  # without rearranged arithmetic: each step rounds as written
-# What the page runs, and how: few bytes, but for the loops in which time goes. With -Os, ears took
-# three times as long to save 400 bytes.
+# What the page runs, and how: small code, except for the loops that take most of the time. With
+# -Os, ears took three times as long to save 400 bytes.
 LOOPS, FEW_BYTES = ("-O2",), ("-Os", "-DSCALAR")
 PAGE = {
     "bank": LOOPS,
@@ -137,7 +136,8 @@ def _library(target: Target, scratch: Path, run: Callable[[list[str]], None]) ->
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         list(threads.map(run, commands))
     library = scratch / f"{target.name}{target.ending}"
-    # Without the processor: what zig compiles for a system by itself serves all its libraries.
+    # The processor is not named here: what zig compiles for a system alone serves all its
+    # libraries.
     link = ["-target", target.triple.replace("wasi", "freestanding"), "-s", "-o", str(library)]
     if target.ending == ".dylib":  # which is called as it was made, unless it has a name
         link += [f"-Wl,-install_name,@rpath/{library.name}"]

@@ -21,7 +21,7 @@ _Result = TypeVar("_Result")
 def thread_count() -> int:
     """Return the threads of a factorisation: STRUCK_THREADS, else the cores we own, at most 4.
 
-    STRUCK_THREADS tells, or else OMP_NUM_THREADS.
+    Without STRUCK_THREADS, OMP_NUM_THREADS counts if it is set.
     """
     setting = os.environ.get("OMP_NUM_THREADS", "")
     count = int(setting) if setting.isdigit() and int(setting) > 0 else min(cores(), 4)

@@ -5,10 +5,10 @@ A ball of radius R over heights h(s) rests where it touches first, so that its l
     e(s) = max over u of h(s + u) - u^2 / (2 R)
 
 (the morphological envelope of ISO 16610-41, by which stylus instruments account for the ball of
-their tips): it bridges what it is too large to enter. Heights are taken along the way only; peaks
-beside it would lift the ball a little more. They are read at the points of a grid over the way, and
-the envelope is averaged over the circle of contact, or over the distance between two samples where
-that is longer, so that nothing folds.
+their tips): it bridges what it is too large to enter. Heights are taken along the path only; peaks
+next to it would lift the ball a little more. They are read at the points of a grid over the way,
+and the envelope is averaged over the circle of contact, or over the distance between two samples
+where that is longer, so that nothing folds.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _HEIGHT_RANGE = 6.0  # rms heights from valley to peak
 _MAX_REACH_POINTS = 400  # grid points that a peak reaches to each side
 _MIN_STEP = 2e-6  # m, of the grid
 _SLAB_POINTS = 2048  # grid points that are added at once
-_MAX_POINTS_PER_SAMPLE = 64  # grid points a sample: what is faster is not heard
+_MAX_POINTS_PER_SAMPLE = 64  # grid points per sample: a faster contact is silent
 _MEAN_RADIUS_RATIO = np.sqrt(
     3 / 5
 )  # half width of a mean as wide as that over the pressure, of its radius
@@ -44,7 +44,7 @@ class Roller:
     radius: float  # m
     layers: Layers  # of its finish
     roundness: float = 0.0  # rms height of the waviness of its circumference, m
-    flat: float = 0.0  # depth of a flat spot, m
+    flat: float = 0.0  # depth of a flat area, m
     seed: int = 0  # of the roundness
     outline: Array = field(init=False)  # (_POINTS,), m: out of round
 

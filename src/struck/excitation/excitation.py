@@ -81,7 +81,7 @@ class Pushing(Protocol):
 
 @runtime_checkable
 class Changing(Protocol):
-    """A `Pushing` that can go on when its body changes."""
+    """A `Pushing` that continues when its body changes."""
 
     def change(self, model: ModalModel) -> None:
         """Push at the same place of a body that has changed."""

@@ -134,7 +134,7 @@ class ForceTrack:
             object.__setattr__(self, "speed", frozen("speed", self.speed))
 
     def _tool(self) -> Tool:
-        """Return the tip, and the surface that moves past it; wood where there is none."""
+        """Return the tip, and the surface that moves past it; wood if no roughness is given."""
         roughness = "wood" if self.roughness is None else self.roughness
         return Tool(roughness=roughness, striker=self.striker, radius=self.radius, seed=self.seed)
 
@@ -168,7 +168,7 @@ class ForceTrack:
         """Return the force of the surface under the pushes of the track, N (n,)."""
         loads = np.maximum(samples.force, 0.0)
         start_samples = np.arange(0, len(loads), CHUNK)
-        # The heaviest load near a look counts, so that no blow falls between two of them.
+        # The largest load around a control point counts, so that no blow falls between two of them.
         max_loads = np.maximum.reduceat(loads, start_samples)
         control_loads = np.maximum(np.append(max_loads, 0.0), np.append(0.0, max_loads))
         control_samples = np.append(start_samples, start_samples[-1] + CHUNK)
@@ -202,7 +202,9 @@ def _read_force(force: ArrayLike | str | Path, sample_rate: float | None) -> tup
             raise FileFormatError(f"{path.name} has {channels} channels: a force has one; keep one")
         return recording.samples[0].astype(np.float64), float(recording.sample_rate)
     if sample_rate is None:
-        raise OptionError("sample_rate is missing: say how many forces a second the array holds")
+        raise OptionError(
+            "sample_rate is missing: give the number of forces per second in the array"
+        )
     samples = np.array(force, dtype=np.float64)
     if samples.ndim != 1 or not len(samples):
         raise OptionError(f"force has shape {samples.shape}: give a row of forces in N")

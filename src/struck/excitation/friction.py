@@ -47,10 +47,10 @@ from struck.model.arrays import Array, Complex, Index, checked
 from struck.model.model import ModalModel
 
 LEVELS_PER_OCTAVE = 3
-FADE_SECONDS = 5e-3  # s, in which a moving contact comes on and lifts off
+FADE_SECONDS = 5e-3  # s, in which a moving contact fades in and out
 LIGHTEST = 1e-6  # N: the force of lighter contacts is in proportion to this one's
 
-_MAX_FORCE_RATIO = 0.8  # of the load: what filters overshoot stays a push
+_MAX_FORCE_RATIO = 0.8  # of the load: the largest change of the force, also if filters overshoot
 TIP_FRACTION, ROLLER_FRACTION = 0.05, 0.3  # shares of the heights that are not followed, at 1 m/s
 _SPEED_EXPONENT = 0.75  # of the speed
 _ROUGHNESS_EXPONENT = 0.6  # power of X by which a rough surface acts less than in proportion
@@ -81,10 +81,11 @@ class Tool:
         Radius of the area over which mode shapes are averaged, m; 0 is a point.
     seed : int
         Which surface of this finish it is.
-    kernel, softness : str or None, float or None
-        The pulse that loads are spread over, as of a `ForceTrack`, and how long it lasts, at most
-        0.1 s (3 ms unless given): a soft tip takes up loads slowly (O'Brien et al. 2002, section
-        3.4). Without a kernel loads pass a window of 2 ms.
+    kernel : str or None
+        The pulse that loads are spread over, as of a `ForceTrack`: a soft tip takes up loads slowly
+        (O'Brien et al. 2002, section 3.4). Default: None, a window of 2 ms.
+    softness : float or None
+        Duration of the kernel, s, at most 0.1; None takes 3 ms. Default: None.
 
     Raises
     ------
@@ -167,9 +168,9 @@ def force_variation(compressions: Array, loads: Array) -> Array:
 class Reader:
     """The force of a surface that moves past a contact, read by place, or by distance.
 
-    Speeds and loads are looked at every 64 samples, counted from when the contact began, and what
-    follows from them is joined by straight lines, so that the force does not depend on how long the
-    blocks are.
+    Speeds and loads are sampled at control points, every 64 samples from the start of the contact;
+    values derived from them are interpolated linearly, so that the force does not depend on the
+    length of blocks.
     """
 
     def __init__(self, sliding: SlidingContact, sample_rate: float) -> None:
@@ -198,7 +199,7 @@ class Reader:
         """Return the squeeze y (n,) of the dent.
 
         At places (n, 3) and after distances (n,), m; speeds, m/s, and loads, N, are those of the
-        looks (rows,), between the first two of which `first` samples are over.
+        control points (rows,); `first` samples have passed since the first of them.
         """
         out = np.zeros(len(ways))
         if isinstance(self._sliding.roughness, Profile):
@@ -208,7 +209,7 @@ class Reader:
         return out
 
     def _find_weights(self, speeds: Array, loads: Array) -> Array:
-        """Return the weight of each layer at each look (rows, O)."""
+        """Return the weight of each layer at each control point (rows, O)."""
         is_steady = speeds.min() == speeds.max() and loads.min() == loads.max()
         pair = (float(speeds[0]), float(loads[0]))
         if not is_steady:

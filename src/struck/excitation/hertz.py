@@ -1,7 +1,7 @@
 """Elastic impact after Hertz: how long a striker touches a body, and how hard it pushes.
 
-The body is taken as flat at the contact and as rigid but for the dent, so its mass counts only as
-far as it gives way there. The blow is quasi-static: waves within the striker are left out.
+The body is taken as flat at the contact and as rigid except for the dent; its mass is the effective
+mass at the contact. The blow is quasi-static: waves within the striker are left out.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Striker:
         Raises
         ------
         OptionError
-            When there is none of that name; the nearest are offered.
+            If there is no striker of that name; the nearest are offered.
         """
         key = require_known(name, strikers(), "striker")
         return cls(name=key, **strikers()[key])
@@ -89,8 +89,10 @@ def effective_mass(
         Centre of mass, m.
     inertia : array-like (3, 3)
         Moments of inertia about it, kg m^2.
-    point, direction : array-like (3,)
-        Where the push acts, m, and its unit direction n.
+    point : array-like (3,)
+        Where the push acts, m.
+    direction : array-like (3,)
+        Unit vector n of the push.
 
     Returns
     -------
@@ -131,7 +133,7 @@ def contact_time(*, mass: float, radius: float, modulus: float, speed: float) ->
     Raises
     ------
     OptionError
-        On numbers that do not exceed 0, or are none of a thing that strikes.
+        On numbers outside 1e-30 to 1e30.
     """
     arguments = {"mass": mass, "radius": radius, "modulus": modulus, "speed": speed}
     for name, value in arguments.items():

@@ -161,7 +161,8 @@ def require_waypoints(places: Waypoints, repeat: str) -> None:
 def find_shortest(mesh: Mesh, surface: Surface, start: Array, end: Array) -> Array:
     """Return points (N, 3) of a locally shortest path over a surface."""
     # The shortest path along edges (Dijkstra) is pulled tight like a string: each point in turn
-    # moves to the middle of its neighbours and back onto the surface, first far apart, then near.
+    # moves to the midpoint of its neighbours and back onto the surface, first at wide spacings,
+    # then at narrow ones.
     edge_path = _resample(_find_edge_path(mesh, surface, start, end), _PIECES)
     for coarsest in _SPACINGS:
         points = _tighten(surface, edge_path, coarsest)
@@ -183,7 +184,7 @@ def _tighten(surface: Surface, points: Array, coarsest: int) -> Array:
 
 
 def _pull_tight(surface: Surface, points: Array) -> Array:
-    """Move every second point, then the others, to the middle of their neighbours."""
+    """Move every second point, then the others, to the midpoints of their neighbours."""
     points = points.copy()
     for parity in (1, 2):
         midpoints = (points[parity - 1 : -2 : 2] + points[parity + 1 :: 2]) / 2
@@ -215,8 +216,8 @@ def _find_edge_path(mesh: Mesh, surface: Surface, start: Array, end: Array) -> A
         vertices.append(int(predecessors[0, vertices[-1]]))
         if vertices[-1] < 0:
             raise ContactError(
-                "no way over the surface leads from one place of the path to the next: they lie on "
-                "separate parts; choose both on one"
+                "no path over the surface leads from one place of the path to the next: they lie "
+                "on separate parts; choose both on one"
             )
     return np.concatenate([ends[:1], mesh.points[vertices[::-1]], ends[1:]])
 

@@ -24,7 +24,7 @@ from struck.model.model import ModalModel
 
 Field = Callable[[Array], Array]
 
-_POINTS_PER_SAMPLE = 256  # points a sample of the band-limited step
+_POINTS_PER_SAMPLE = 256  # points per sample of the band-limited step
 # Radon's rule of 7 points on a triangle, exact to degree 5 (Zienkiewicz 2013, table 3.4).
 _ROOT = np.sqrt(15)
 _NEAR, _FAR = (6 - _ROOT) / 21, (6 + _ROOT) / 21
@@ -86,7 +86,7 @@ def impact_amplitudes(
 
 @checked
 def impact_impulse(model: ModalModel, at: Place, energy: float) -> float:
-    """Return the impulse that gives the modes of a body so much energy at one place, N s.
+    """Return the impulse that gives the modes of a body an energy at one place, N s.
 
     ``Strike(at=p, impulse=impact_impulse(model, p, energy))`` is the paper's blow: its amplitudes
     are those of eq. 11 wherever it lands.
@@ -120,8 +120,11 @@ def initial_amplitudes(
     ----------
     model : ModalModel
         Of a body of struck.shapes.
-    displacement, velocity : callable, optional
-        Along z at points on top of the body (K, 3): m and m/s (K,). Zero unless given.
+    displacement : callable, optional
+        Function of points on top of the body, m (K, 3), that returns their displacements along z, m
+        (K,). Default: zero.
+    velocity : callable, optional
+        Function of these points that returns their velocities along z, m/s (K,). Default: zero.
 
     Returns
     -------
@@ -146,7 +149,9 @@ def initial_amplitudes(
     def mean(field: Field | None) -> Array:
         values = np.zeros(len(places)) if field is None else numbers("field", field(places))
         if values.shape != (len(places),):
-            raise OptionError(f"the field returned shape {values.shape}: return one number a place")
+            raise OptionError(
+                f"the field returned shape {values.shape}: return one number for each place"
+            )
         return (weights * values) @ (forms / scale)
 
     return mean(velocity) / rates, mean(displacement)

@@ -1,7 +1,7 @@
 """Short pulses of force: their shapes, their spectra, and the samples that carry them.
 
 A pulse lasts from 0 to its duration T. Half-sine and Hertz are powers of a sine, sin(pi t / T)^m
-with m = 1 and 3/2: what a linear spring and what the contact of two spheres give (Johnson 1985,
+with m = 1 and 3/2, the forces of a linear spring and of the contact of two spheres (Johnson 1985,
 section 11.4). The Gaussian has a standard deviation of T / 6, is cut at three of them, and has the
 weakest treble of the three.
 
@@ -46,8 +46,8 @@ def sampled(
     shape: str, *, impulse: float, onset: float, duration: float, sample_rate: float
 ) -> Samples:
     """Return the band-limited samples of a pulse of area `impulse`, N s, at any onset, s."""
-    # True to the analytic spectrum within 0.1 dB to a third of the rate; what folds below that lies
-    # at least 60 dB under the impulse.
+    # True to the analytic spectrum within 0.1 dB to a third of the rate; aliases below that are at
+    # least 60 dB under the impulse.
     require_choice("shape", shape, SPECTRA)
     length = duration * sample_rate
     first = int(np.floor(onset * sample_rate)) - LEAD

@@ -21,7 +21,7 @@ from struck.model.provenance import table_of
 _MIN_HEIGHTS, _MAX_HEIGHTS = 16, 1 << 18
 _MIN_SLOPE, _MAX_SLOPE = -4.0, -1.2  # slopes
 _MAX_WAVE_RATIO = 1e5  # times that the longest wave may exceed the shortest
-_WAVES_PER_LENGTH = 16  # shortest waves unless given: so many to a correlation length
+_WAVES_PER_LENGTH = 16  # shortest waves per correlation length, by default
 _WAVE_SPACING = 1.4  # spacing of a layer whose covariance is as wide as exp(-(s / length)^2)
 # Abrasive paper: heights and correlation lengths in grains.
 _GRAIN_HEIGHT, _GRAIN_LENGTH = 0.43, 1 / 3
@@ -98,7 +98,7 @@ class Roughness:
         Raises
         ------
         OptionError
-            When there is none of that name; the nearest are offered.
+            If there is no entry of that name; the nearest are offered.
         """
         return _load_finish(require_known(name, roughnesses(), "roughness"))
 
@@ -194,7 +194,7 @@ class Profile:
         Raises
         ------
         OptionError
-            When there is none of that name; the nearest are offered.
+            If there is no entry of that name; the nearest are offered.
         """
         return _load_profile(require_known(name, profiles(), "profile"))
 

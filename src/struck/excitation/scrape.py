@@ -265,8 +265,8 @@ class Rubbing:
     """A `Pushing` that moves over a body: a scrape or a roll at work."""
 
     # Force and distance are computed some chunks of 64 samples ahead, counted from the begin, and
-    # drives for as many blocks, as many places at once take little longer than one. A function that
-    # says speed or load is asked no earlier than it must.
+    # drives for as many blocks, as many places at once take little longer than one. A function of
+    # speed or load is called as late as possible.
 
     def __init__(
         self, contact: Scrape | Roll, load: Course, model: ModalModel, sample_rate: float

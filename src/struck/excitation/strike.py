@@ -139,7 +139,8 @@ class Strike:
         """Return the blow that a model receives at a contact.
 
         A model without mass, or held somewhere, counts as heavy, one without material as hard. The
-        gains of recordings hold their own blow: where nothing is said, it is that one.
+        gains of recordings include the recorded blow: if the strike gives no strength, it is that
+        blow.
         """
         options = (self.impulse, self.striker, self.speed, self.energy, self.duration)
         if not (any(option is not None for option in options) or model.gains.of_surface):
@@ -183,7 +184,7 @@ class Strike:
         return Burst.at(contact, pulse, model, patch=self.patch, start=start)
 
     def pulse(self, blow: Blow, sample_rate: float) -> Samples:
-        """Return the band-limited force of a `blow`, N, at a `sample_rate`, Hz, but for noise."""
+        """Return the band-limited force of a `blow`, N, at a `sample_rate`, Hz, without noise."""
         return sampled(
             self.shape,
             impulse=blow.impulse,

@@ -1,8 +1,8 @@
 """Solid textures: random heights in the coordinates of a body, made on the fly from a seed.
 
-A texture is a sum of layers of value noise (`core/texture.c`): lattices of random values, each of
-its own spacing and orientation, blended smoothly between corners. A place has its height whatever
-was read before, the same place the same height again, and no table repeats.
+A texture is a sum of layers of value noise (`core/texture.c`): lattices of random values with
+different spacings and orientations, blended smoothly between corners. A place has its height
+whatever was read before, the same place the same height again, and no table repeats.
 
 Along a straight line a layer of spacing L has the covariance of its blend, whose spectrum is a
 smooth hump: level up to about 0.2 / L, 3 dB less at 0.4 / L, 20 dB less at 0.9 / L, in any
@@ -28,8 +28,8 @@ CHUNK = 64  # samples between two rows of weights, as in the core
 _FACTOR = 2.0  # between the spacings of neighbouring layers
 _FINEST_RATIO = 0.4  # spacing of the finest layer, of the shortest wave
 _COARSEST_RATIO = 1.5  # spacing of the coarsest one, of the longest wave that matters
-_MAX_SHIFT = 1e4  # lattices are shifted by up to so many cells
-_MAX_CELL = 2e15  # cell that a place can be told apart in
+_MAX_SHIFT = 1e4  # cells, by which lattices are shifted at most
+_MAX_CELL = 2e15  # number of a cell: beyond it positions in a cell are not resolved
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -149,7 +149,7 @@ def variance() -> float:
 
 
 def hump(waves: Array) -> Array:
-    """Return the one-sided spectrum of a layer along a line, waves in cycles a spacing."""
+    """Return the one-sided spectrum of a layer along a line, waves in cycles per spacing."""
     wavenumbers, spectrum = _hump()
     return np.interp(waves, wavenumbers, spectrum, right=0.0)
 

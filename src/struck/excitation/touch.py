@@ -1,11 +1,11 @@
 """A touch: a hand, a tool or a haptic device on a body, updated from outside at its own rate.
 
-Whoever moves it says 60 to 1000 times a second where it is, how hard it presses and how fast it
-moves. Between two updates everything goes in straight lines, for as long as updates lie apart, and
-the load then passes a window of 2 ms, or the tool's kernel: no step, no corner, nothing of the rate
-of the updates above about 1 kHz (2007 closes a loop of contacts at 100 Hz over audio in the same
-way). A moving contact adds the force of the surface at its place, as a scrape does
-(`struck.excitation.friction`). A steady load itself is silent; what is heard is how it changes.
+60 to 1000 updates per second give its position, load and speed. Between updates all values are
+interpolated linearly over the expected interval, and the load then passes a window of 2 ms, or the
+tool's kernel: no step, no corner, nothing of the rate of the updates above about 1 kHz (2007 closes
+a loop of contacts at 100 Hz over audio in the same way). A moving contact adds the force of the
+surface at its place, as a scrape does (`struck.excitation.friction`). A steady load is silent; only
+its changes sound.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from struck.model.contact import Contact, Place
 from struck.model.model import ModalModel
 
 MIN_RATE, MAX_RATE = 60.0, 1000.0  # Hz, of updates that ramps adapt to
-DEFAULT_RATE = 100.0  # Hz, expected before there were two updates
+DEFAULT_RATE = 100.0  # Hz, the assumed rate before the second update
 
 _SMOOTHING = 0.25  # how soon the length of ramps follows the rate of updates
-_PAUSE_RATIO = 1.2  # times the slowest rate's interval: then it is no interval but a pause
+_PAUSE_RATIO = 1.2  # times the interval of the slowest rate; longer ones are pauses
 _PRESSED, _MOVING, _LOAD, _SPEED, _PLACE, _DRIVE = 0, 1, 2, 3, 4, 7  # columns of lines
 _STRETCH_SAMPLES, _MAX_BLOCKS = 4096, 32  # samples, and blocks, of a log that are computed at once
-_MOVING_RATIO = 0.5  # share of the speed by which a place must move to be where the surface is felt
+_MOVING_RATIO = 0.5  # of the speed; a point that moves less counts as resting
 
 
 class Update(NamedTuple):
@@ -98,7 +98,7 @@ class Touching:
         self._interval = sample_rate / DEFAULT_RATE
         self._line = Line(start - 1, 1, np.zeros(_DRIVE), np.zeros(_DRIVE))
         self._last_drive = np.zeros(0)  # drive of the last push
-        self._surface_point = np.zeros(3)  # where on its surface it is felt next, m
+        self._surface_point = np.zeros(3)  # point of the surface in contact next, m
         self._last_place = np.zeros(0)  # where the last update was, m
         self._window = self._tool.window(sample_rate)
         self._load_history: Array = np.zeros(len(self._window) - 1)
@@ -120,7 +120,7 @@ class Touching:
         return not self._updates and self._is_off()
 
     def resume(self, sample: int) -> None:
-        """Go on in the block that begins at this sample, after rest for which it was not asked."""
+        """Continue in the block that begins at this sample, after a rest without calls."""
         self._skipped_samples += sample - self.now if self._last_update else 0
         self.now = sample
 
@@ -180,7 +180,7 @@ class Touching:
         return Grasps(places, load_directions, normals, drives)
 
     def copied(self) -> Touching:
-        """Return a copy of the touch that goes on independently."""
+        """Return an independent copy of the touch."""
         duplicate = copy(self)
         duplicate._updates = deque(self._updates)  # noqa: SLF001 - all else is replaced, not changed
         return duplicate
@@ -219,7 +219,7 @@ class Touching:
     def stretch(self, length: int, count: int, updates: Updates | None) -> list[Push | None]:
         """Return the pushes of the next `count` blocks of `length` samples, computed together.
 
-        All updates that take effect in them are `told`.
+        `updates` are all that take effect in them.
         """
         start, end = self.now, self.now + length * count
         first = 0 if self._last_update else length * count
@@ -269,7 +269,7 @@ class Touching:
         return list(force.reshape(count, length))
 
     def _lines(self, updates: Updates | None) -> Lines:
-        """Return the lines of all numbers, from now on, that updates ask for."""
+        """Return the lines of all numbers from now on, to the values of the updates."""
         line = self._line
         start_samples, lengths = np.array([line.begin]), np.array([line.length])
         if updates is None:
@@ -288,7 +288,9 @@ class Touching:
         return start_samples, lengths, join_lines(start_samples, lengths, line.low, highs), highs
 
     def _aim(self, updates: Updates, highs: Array) -> Index:
-        """Fill in where updates want all numbers (1 + K, N), after the first row; return how soon.
+        """Write the targets of all numbers into `highs` (1 + K, N); return the expected gaps (K,).
+
+        The first row stays.
 
         A load of 0 lets go: the last one stays, and is no longer pressed.
         """
@@ -313,10 +315,12 @@ class Touching:
         return self._gaps(intervals)
 
     def _find_surface_points(self, points: Array, distances: Array) -> Array:
-        """Return the places of the surface that are felt, m (K, 3): the points said, if they move.
+        """Return the points of the surface in contact, m (K, 3).
 
-        Where a point stands still, the surface moves past under it: it goes on by the way it was
-        said to go, m (K,), along a line of its own.
+        They are those of the updates where these move.
+
+        If a point rests while the speed is not 0, the surface moves past it: the point of the
+        surface advances by `distances`, m (K,), along the x axis.
         """
         places = self._to_space(points)
         steps, axes = np.zeros((len(places), 3)), places.shape[1]
@@ -363,7 +367,7 @@ class Touching:
         count = len(loads)
         if not count:
             return np.zeros(0)
-        if self._skipped_samples:  # at rest it was not asked
+        if self._skipped_samples:  # no calls while at rest
             self._rubbed_samples += self._skipped_samples
             self._skipped_samples, self._controls = 0, np.array([(0.0, loads[0])] * 2)
         first = self._rubbed_samples
@@ -372,9 +376,7 @@ class Touching:
             [self._controls, np.stack([speeds[control_rows], loads[control_rows]], axis=1)]
         )
         chunk_offset = first % CHUNK
-        row = (
-            0 if chunk_offset else 1
-        )  # of the look at the begin of the chunk before the first sample's
+        row = 0 if chunk_offset else 1  # of the control point before the first sample
         distances = self._distance + np.cumsum(speeds) / self._rate
         compressions = self._reader.squeezes(
             chunk_offset, points, distances, *controls[row:].T.copy()
@@ -401,7 +403,7 @@ class TouchLog:
     speeds : array-like (K,) or float
         Along the surface, m/s, at least 0.
     directions : array-like (K, 3) or None
-        Along which the loads push; straight into the surface unless given.
+        Along which the loads push; default: straight into the surface.
     tool : Tool
         What touched.
 
@@ -473,8 +475,8 @@ class Replay:
     """A `Pushing` that plays the touch of a log."""
 
     # Some blocks are computed at once, and the contacts and drives of all updates in them. Where
-    # the next block has another length, or the body changes, it goes back to the last block that
-    # was asked for.
+    # the next block has another length, or the body changes, it returns to the end of the last
+    # block that was given out.
 
     def __init__(
         self, log: TouchLog, model: ModalModel, sample_rate: float, *, start: int = 0
@@ -508,7 +510,7 @@ class Replay:
         return self._ready.popleft()
 
     def change(self, model: ModalModel) -> None:
-        """Go on with a body that has changed."""
+        """Continue with a body that has changed."""
         self._return()
         self._model, self._last = model, None
         self._touching.change(model)

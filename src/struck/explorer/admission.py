@@ -24,14 +24,14 @@ _SAFE = {"GET", "HEAD"}
 _IMPORT_MAP = re.compile(r'<script type="importmap">(.*?)</script>', re.DOTALL)
 
 
-class TooLarge(Exception):  # noqa: N818 - it ends a request, and nobody else sees it
+class TooLarge(Exception):  # noqa: N818 - it ends a request, and no other module catches it
     """A request's body exceeds `LARGEST_BODY`."""
 
 
 def policy(page: Path) -> str:
     """Return the content security policy of a page: its own files, and the import map in it.
 
-    Scripts of the page itself are refused but for the import map, which is allowed by its hash.
+    Inline scripts of the page are refused, except the import map, which is allowed by its hash.
     """
     inline = _IMPORT_MAP.search(page.read_text(encoding="utf-8"))
     digest = hashlib.sha256((inline[1] if inline else "").encode()).digest()

@@ -65,7 +65,7 @@ def peak(model: ModalModel, at: Place) -> float:
         return 0.0
     try:
         model.contact(at)
-    except ContactError:  # a field of recordings has places by number, none of them the usual one
+    except ContactError:  # a field of recordings has numbered places, and no default one
         return 0.0
     options: dict[str, Any] = {"striker": "wood", "speed": 1.0}
     if not model.gains.of_surface:
@@ -88,7 +88,7 @@ def number_places(model: ModalModel) -> Iterator[dict[str, Any]]:
         return
     points: list[Array] = []
     min_distance = 0.02 * surface.extent
-    # Names of people first; those of axes may lie on top of them.
+    # Everyday names first; those of axes may be at the same points.
     named_places = sorted(
         model.places.items(), key=lambda pair: pair[0][0] in "+-" or pair[0] == "bottom"
     )
@@ -112,7 +112,7 @@ def number_places(model: ModalModel) -> Iterator[dict[str, Any]]:
 
 
 def _spread(surface: Mesh, first: Array) -> Iterator[tuple[str, Array]]:
-    """Yield middles of faces, each as far from all before as any: from the first place on."""
+    """Yield centroids of faces, each farthest from all before it and from the first place."""
     distances = np.linalg.norm(surface.centroids - first, axis=1)
     for number in range(2 * POINTS):
         farthest_point = surface.centroids[int(np.argmax(distances))]
@@ -130,7 +130,7 @@ def change(model: ModalModel, request: Mapping[str, Any]) -> dict[str, Any]:
 
     Mode shapes are not among it: they are those of the model times "factor", and its vertices times
     "size". "modes" lists which mode of the model each mode was; null where all stay in order.
-    Outputs follow size and damping exactly; of another material they are computed anew, which
+    Outputs follow size and damping exactly; of another material they are computed again, which
     takes up to a second, or with "quick" kept as they are per velocity: then "settled" is false.
 
     Parameters
@@ -154,7 +154,8 @@ def change(model: ModalModel, request: Mapping[str, Any]) -> dict[str, Any]:
         raise OptionError(f"{names} cannot be changed: give material, size or damping")
     size = _number("size", request.get("size", 1.0), MIN_SIZE, MAX_SIZE)
     losses = _number("damping", request.get("damping", 1.0), 0.0, MAX_LOSSES)
-    # In place of gains numbers, which tell which modes stay: what changes gains keeps their phase.
+    # Gains are replaced by the numbers of modes, to find the modes that stay: changes of gains keep
+    # their phase.
     numbers = SinglePoint(outputs=np.array([complex(1, n) for n in range(len(model.frequencies))]))
     changed_model = replace(model, gains=numbers, geometry=None, places={})
     name = request.get("material")

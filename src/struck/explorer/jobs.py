@@ -1,4 +1,4 @@
-"""Jobs of the room: objects computed in processes of their own, with progress.
+"""Jobs of the room: objects computed in separate processes, with progress.
 
 Each process reads a line of JSON for each object it shall compute, and writes lines of its
 progress, and of what it made, on standard output; it ends with its standard input.

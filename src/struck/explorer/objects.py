@@ -33,7 +33,7 @@ from struck.shapes import (
 from struck.solids import Tube, VolumeMesh
 from struck.solids.revolution import bell, bowl
 
-_BAND = 8000.0  # Hz: what bodies of many modes are computed up to
+_BAND = 8000.0  # Hz, the highest frequency of bodies with many modes
 _DRUM = 2000.0  # Hz, of membranes, which have thousands more
 _FURNITURE = 2000.0  # Hz, of wood whose boards have hundreds of modes beyond
 _SHARP = 1500.0  # Hz, of the one with an inward corner, each of whose modes is searched for
@@ -47,12 +47,16 @@ class Thing:
 
     Parameters
     ----------
-    name, title, text : str
-        For addresses, for people, and a sentence about it; most stand in `objects.toml`.
+    name : str
+        Name in addresses.
+    title : str
+        Name on the page.
+    text : str
+        A sentence about it.
     kind : str
-        "formula", "elements", "recording" or "file": what its modes come from.
+        "formula", "elements", "recording" or "file": the source of its modes.
     make : callable
-        Computes its model, and tells its progress.
+        Computes its model, and reports its progress.
     position : tuple of 3
         Of its coordinates' origin in the room, m.
     rotation : array (3, 3)

@@ -68,7 +68,7 @@ def refined(model: ModalModel) -> ModalModel:
 def thin_model(model: ModalModel, max_bytes: int = MAX_SENT_BYTES) -> ModalModel:
     """Return a body of at most some bytes of shapes: audible modes, then fewer vertices.
 
-    What was left out stands in its provenance. Smaller bodies are returned as they are.
+    Its provenance lists omissions. Smaller bodies are returned as they are.
     """
     if not isinstance(model.gains, ShapeGains) or model.gains.shapes.nbytes <= max_bytes:
         return model

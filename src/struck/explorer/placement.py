@@ -17,17 +17,17 @@ from struck.model.model import ModalModel
 
 # Lengths are in m and chosen by judgement.
 STAND = 0.6  # height of the stands of the first row
-_MARGIN = 0.04  # of a stand beside its body
+_MARGIN = 0.04  # of a stand around its body
 _NARROWEST = 0.16  # width of a stand
 _GAP = 0.12  # between two stands at least
 _WIDE_GAP = 0.1  # of the widest stand: the gap between large bodies
-_MULTI_ROW_COUNT = 8  # bodies: fewer stand in one row
+_MULTI_ROW_COUNT = 8  # bodies: fewer are placed in one row
 _ASPECT = 2.5  # columns to rows, about
 _RISE = 0.15  # of a line of sight from the home position, height to depth
 _THIN_RATIO = 150.0  # length to thickness beyond which a wire is drawn thicker
 TOKEN_BOX = np.array(
     [[-0.08, -0.02, 0.0], [0.08, 0.02, 0.16]]
-)  # box of what stands for a recording
+)  # box of the object drawn for a recording
 
 
 def stand(models: Sequence[ModalModel], names: Sequence[str]) -> list[Thing]:

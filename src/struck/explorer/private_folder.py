@@ -57,8 +57,8 @@ class PrivateFolder:
 def sweep(parent: Path) -> int:
     """Remove and count the folders of this user whose processes have ended.
 
-    Links are not followed, and nothing is removed on Windows, where no lock tells the dead from
-    the living.
+    Links are not followed, and nothing is removed on Windows, where no lock shows which processes
+    have ended.
     """
     count = 0
     if not hasattr(os, "geteuid"):

@@ -48,10 +48,10 @@ class Explorer:
 
     Parameters
     ----------
-    wanted : sequence of Thing
+    objects : sequence of Thing
         What is computed for the room.
     given : sequence of ModalModel
-        Bodies that stand in it from the start, in place of that.
+        Bodies that are in the room from the start, in place of `objects`.
     names : sequence of str
         What those are called.
     port : int
@@ -137,7 +137,7 @@ class Explorer:
     def stop(self) -> None:
         """End the server and all that still computes."""
         if self._running.wait(_END_SECONDS) and self._loop is not None:
-            with contextlib.suppress(RuntimeError):  # it has ended by itself
+            with contextlib.suppress(RuntimeError):  # it has ended already
                 self._loop.call_soon_threadsafe(self._stopping.set)
             self._ended.wait(_END_SECONDS)
             self._thread.join(0.5)

@@ -2,8 +2,8 @@
 
 It takes the next record of host commands from the ring, lets a function of the core compute the
 block, limits it and hands it over. Everything it touches hangs on one structure, its `userData`;
-`callback.h` in the core has the same fields. When no record has come in time it goes on with the
-last one, which stays in its slot until there is a newer one, and counts that as late.
+`callback.h` in the core has the same fields. Without a record in time, it uses the last one
+again, which stays in its slot until there is a newer one, and counts that block as late.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Arena(ctypes.Structure):
 
     volume: float
     peak: float
-    last: Array  # of what sounds beside each body's modes
+    last: Array  # sample of the sounds added to each body's modes
     _fields_ = (
         ("reals", ctypes.c_void_p),
         ("wholes", ctypes.c_void_p),
@@ -42,7 +42,7 @@ class Arena(ctypes.Structure):
 
 
 def arena(bank: Stepped, *, volume: float, ears: LiveEars | None = None) -> Arena:
-    """Return where the callback finds modes and ears, which hear each body at their points."""
+    """Return the addresses of modes and ears for the callback; ears hear bodies at their points."""
     bank.memory.turned[0] = 1
     reals, wholes = (numbers.ctypes.data for numbers in bank.numbers)
     ears_pointer = ctypes.pointer(ears.memory) if ears else None
@@ -73,10 +73,10 @@ class Shared:
         *,
         records: ring.Ring,  # commands of the host, one record a block
         limited: Array,  # state of `limiter.limiter`
-        arena: ctypes.Structure | Array,  # what makes the samples
+        arena: ctypes.Structure | Array,  # state of the function that makes the samples
         channels: int,
         block: int,
-        process: int | None = None,  # address of what makes a block; that of the core unless given
+        process: int | None = None,  # address of the function of a block; default: that of the core
     ) -> None:
         self.counters: Index = np.zeros(_COUNTER_COUNT, dtype=np.int64)
         self.counters[OPEN] = 1

@@ -43,9 +43,9 @@ from struck.synth.resonators import Stepped
 
 Value = TypeVar("Value")
 STRIKE_PEAK = 10 ** (-12 / 20)  # of full scale: peak of a default strike
-MAX_UPDATES = 60_000  # updates kept of each touch: ten minutes at 100 Hz
+MAX_UPDATES = 60_000  # updates of each touch in its log: ten minutes at 100 Hz
 MAX_COMMANDS = 1024  # that may wait for the next block; more are refused and counted
-MAX_PLANNED_COMMANDS = 65_536  # that may wait for a moment of their own
+MAX_PLANNED_COMMANDS = 65_536  # that may wait for a later moment
 LAST_MOMENT = 1e6  # s
 MAX_BLOCKS_AHEAD = 64  # blocks that may be kept ready
 _CACHE_SIZE = 256  # contacts, and drives, that are not looked up again
@@ -117,7 +117,7 @@ class Host:
         self._layout = Layout.of(memory, points, *((ears.paths, ears.taps) if ears else ()))
         self._firsts = memory.bodies[:, BodyColumn.FIRST].tolist()
         self.arena = arena(self.bank, volume=self.gain, ears=ears)
-        # Those ahead, the one that is heard, and the one that is written.
+        # The blocks ahead, the one that is played, and the one that is written.
         self.records = Ring(
             capacity=ahead + 2, integers=self._layout.integers, reals=self._layout.reals
         )
@@ -129,7 +129,7 @@ class Host:
 
     @property
     def dropped(self) -> int:
-        """Commands and excitations left out for want of room or a voice."""
+        """Number of commands and excitations left out because the queue or all voices were full."""
         return self.queue.refused + self._dropped_count
 
     @property
@@ -150,7 +150,7 @@ class Host:
         return tuple(dict.fromkeys(messages))
 
     def number(self, body: int | str) -> int:
-        """Return the number of a body; OptionError where there is none of that name or number."""
+        """Return the number of a body; OptionError on an unknown name or number."""
         if isinstance(body, str):
             if body not in self._numbers:
                 names = ", ".join(map(repr, self._numbers))
@@ -161,7 +161,7 @@ class Host:
         return body
 
     def body(self, body: int | str) -> PlayedBody:
-        """Return a body; OptionError where there is none of that name or number."""
+        """Return a body; OptionError on an unknown name or number."""
         return self._bodies[self.number(body)]
 
     def strike(self, body: int, strike: Strike, moment: float | None) -> None:
@@ -242,7 +242,7 @@ class Host:
     ) -> Command:
         """Return the command to go somewhere, in time with the strikes of its sample.
 
-        A moment is told at once, as ways are found ahead of the sound.
+        A moment is passed on at once, as paths to the ears are computed ahead of the sound.
         """
         at, is_exact = None if moment is None else self._sample(moment), moment is not None
 
@@ -306,7 +306,7 @@ class Host:
             self.queue.put(("hold", body), lambda _: self._poles.update({body: logarithms}))
 
     def change(self, body: int, model: ModalModel) -> None:
-        """Let a body go on with another model."""
+        """Replace the model of a body."""
         with self._changing:
             changed_body = self.body(body).changed(model)
             poles, outputs = changed_body.logarithms, self._compute_outputs(changed_body)
@@ -447,8 +447,8 @@ Command = Callable[[int], object]  # called with the number of the sample at whi
 class CommandQueue:
     """Queue of commands from the user's threads to the feeder's thread, emptied block by block.
 
-    Within a block commands take effect as far apart as they were said: one that was said just after
-    the last block was filled comes at its first sample, one that was said just now at its last.
+    Commands keep their distances in time: one that was queued just after the last block was filled
+    takes effect at the first sample of the block, one that was queued just now at its last.
     """
 
     def __init__(
@@ -512,7 +512,7 @@ class CommandQueue:
         for place, command in sorted(due_commands, key=itemgetter(0)):
             try:
                 command(place)
-            except Exception as failure:  # noqa: BLE001 - raised for whoever plays
+            except Exception as failure:  # noqa: BLE001 - raised in the user's thread
                 self._error.keep(failure)
         self._last_run = run_time
 
@@ -606,7 +606,7 @@ class PlannedBlow:
 
     @property
     def first(self) -> int:
-        """Number of the first sample at which the blow is heard."""
+        """Number of the first sample of the blow."""
         first_sample = self.pulse.first
         return first_sample if self.residual is None else min(first_sample, self.residual.first)
 
@@ -679,8 +679,7 @@ def full_scale(
     peak = max(_peak(body, listener, sample_rate) for body, listener in pairs)
     if not peak > 0:
         raise OptionError(
-            "none of the bodies is heard at the listener: look at the models' gains, or give "
-            "another listener="
+            "no body is audible at the listener: check the models' gains, or give another listener="
         )
     return STRIKE_PEAK / peak
 

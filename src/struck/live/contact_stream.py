@@ -1,10 +1,10 @@
 """Live sound of contacts, from a running simulation or from a log that arrives in pieces.
 
-What a contact is to the ear shows only when some of what follows is known: a touch that goes on is
-a load, one that ends is a blow. So the log runs some way ahead of the sound. Each new piece is
-looked at together with what came before, by `struck.scene.events` as offline, and what lies long
-enough before its end is planned: each blow at its own sample, each part of a sustained contact so
-that it fades in while the part before fades out.
+Whether a contact is a load or a blow depends on the rows that follow: a long contact is a load, a
+short one is a blow. So the log runs ahead of the sound. Each new piece is analyzed together with
+the rows before it, by `struck.scene.events` as offline, and events that are long enough before its
+end are planned: each blow at its own sample, each part of a sustained contact so that it fades in
+while the part before fades out.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ if TYPE_CHECKING:
 
 FORESIGHT = 0.06  # s of a log beyond what is planned
 HINDSIGHT = 0.08  # s of it before that
-_PIECE_SECONDS, _MAX_PIECE_SECONDS = 0.05, 0.2  # s of a simulation that are looked at together
+_PIECE_SECONDS, _MAX_PIECE_SECONDS = 0.05, 0.2  # s of a simulation that are analyzed together
 _FIRST_PIECES, _MAX_BUSY_RATIO = 2, 0.7
-_LEAD_SECONDS = 0.04  # s by which what is planned is ahead of the sound
-_MAX_SHIFT_STEPS = 2.5  # steps by which a blow may shift when more of what follows is known
+_LEAD_SECONDS = 0.04  # s, from planning to sound
+_MAX_SHIFT_STEPS = 2.5  # steps by which a blow may shift when more rows are known
 _MAX_SHIFT_SECONDS = 5e-3  # s, by which at most
 _MIN_SECONDS = 2e-3  # s, of a part of a sustained contact
 _NAP_SECONDS = 2e-3  # s
@@ -48,11 +48,11 @@ _POSE = ("time", "body", "position", "rotation")
 
 
 class _Rubbing(NamedTuple):
-    """A sustained contact that goes on."""
+    """A sustained contact that has not ended."""
 
     end: float  # s, of what is planned
     surfaces: Sequence[SlidingContact]
-    positions: Sequence[Array] | None  # where on the roughness of each body it is then, m (3,)
+    positions: Sequence[Array] | None  # on the roughness of each body at that time, m (3,)
     seed: int
 
 
@@ -85,8 +85,8 @@ class ContactStream:
     ) -> None:
         """Plan the next piece of a contact log, complete up to a time, s (its last row by default).
 
-        Of one that has `ended` all is planned. `check` may refuse what is known so far; on names
-        that do not fit there is an OptionError.
+        If it has `ended`, all of it is planned. `check` may refuse the rows known so far; names
+        that do not fit raise an OptionError.
         """
         with self._lock:
             poses = np.zeros(0) if piece.poses is None else piece.poses.time
@@ -199,7 +199,7 @@ class SimulationRun:
         self._thread = threading.Thread(target=self._run, name="struck simulation", daemon=True)
         self.start = self._thread.start
         self._engine = simulation.started()
-        for _ in range(_FIRST_PIECES):  # the first takes longest, as all is looked up anew
+        for _ in range(_FIRST_PIECES):  # the first takes longest, as nothing is cached
             self._go_on(_PIECE_SECONDS)
 
     def stop(self) -> None:
@@ -221,7 +221,7 @@ class SimulationRun:
             self._keep_up()
         except StruckError as failure:
             error.keep(failure)
-        except Exception as failure:  # noqa: BLE001 - of `control`; raised for whoever plays
+        except Exception as failure:  # noqa: BLE001 - of `control`; raised in the user's thread
             simulation_error = SimulationError(
                 f"the simulation ended: it, or control=, raised {failure!r}"
             )
@@ -240,9 +240,7 @@ class SimulationRun:
                 continue
             self._go_on(length)
             plan_seconds = max(0.9 * plan_seconds, time.perf_counter() - loop_time)
-            if (
-                plan_seconds > _MAX_BUSY_RATIO * length
-            ):  # what is done once for each piece is done less often
+            if plan_seconds > _MAX_BUSY_RATIO * length:  # longer pieces need less work in all
                 length = min(2 * length, _MAX_PIECE_SECONDS)
 
     def _go_on(self, length: float) -> None:

@@ -28,12 +28,12 @@ from struck.live.callback import OPEN, Shared
 # Structures and constants of `portaudio.h`.
 INPUT_UNDERFLOW, INPUT_OVERFLOW = 1, 2  # a callback's flags
 OUTPUT_UNDERFLOW, OUTPUT_OVERFLOW = 4, 8
-CONTINUE, COMPLETE = 0, 1  # what a callback returns
+CONTINUE, COMPLETE = 0, 1  # values that a callback returns
 _FLOAT32 = 1  # sample format, interleaved
 _UNANTICIPATED_HOST_ERROR = -9999
 TO_FILE = "`struck render MODEL -o FILE.wav` needs no device"
 _MAX_LATENCY = 10.0  # s; JACK's dummy driver states a day
-_FADE_SECONDS = 1.0  # s, in which a stream ends after it was asked to
+_FADE_SECONDS = 1.0  # s, in which a stream ends after a request
 _PATIENCE_SECONDS = 3.0  # s; PortAudio may wait for minutes for a sound server that has died
 
 
@@ -158,14 +158,20 @@ class Device:
     ----------
     number : int
         As PortAudio counts; valid until PortAudio is closed.
-    name, host : str
-        Its name, and the sound system that reaches it: "ALSA", "Core Audio" ...
-    outputs, inputs : int
-        Channels.
+    name : str
+        Name that the sound system gives.
+    host : str
+        The sound system that reaches it: "ALSA", "Core Audio" ...
+    outputs : int
+        Number of output channels.
+    inputs : int
+        Number of input channels.
     sample_rate : float
         The default one, Hz.
-    output_latency, input_latency : float
-        The lowest that the device recommends, s.
+    output_latency : float
+        The lowest latency of its outputs that the device recommends, s.
+    input_latency : float
+        The lowest latency of its inputs that the device recommends, s.
     default : bool
         Whether it is the default device for playing, or for recording.
     """
@@ -378,7 +384,7 @@ class PortAudio:
         """Open a stream of interleaved float32 samples; it does not run yet.
 
         `callback` and `data` are addresses, of a `PaStreamCallback` and its `userData`, which must
-        outlive the stream, at `sample_rate`, Hz, `block` samples a call. It records `inputs`
+        outlive the stream, at `sample_rate`, Hz, `block` samples per call. It records `inputs`
         channels on the same `device`; without `channels` it only records.
         """
         chosen = self.device(device) if channels else self.recorder(device)
@@ -440,7 +446,7 @@ class Outlet:
     def start(self) -> None:
         """Start the stream: the device calls the callback from now on."""
         if self._stream is None:
-            raise DeviceError(f"{self.name} is not open: play anew")
+            raise DeviceError(f"{self.name} is not open: call struck.play again")
         self._stream.start()
 
     @property

@@ -1,7 +1,7 @@
 """A listener's ears while bodies are played: the feeder finds the delays, the callback hears.
 
-What the callback needs lies in arrays that are laid out once; `struck.ears.delay_lines` says what
-it does with them. Bodies and listener go where they are told: their poses are tables that grow.
+What the callback needs is in arrays that are laid out once; `struck.ears.delay_lines` describes
+their use. The poses of bodies and listener are tables that grow.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from struck.scene.body import Body, centre_of
 MAX_DISTANCE = 340.0  # m from a body to a listener while it is played: a second of travel
 _VECTOR_TAPS = 8  # taps in a vector
 _ZERO_DISTANCE = 1e-7  # m
-_HISTORY_SECONDS = 1.5  # s, for which poses are kept: sound that left a body then has arrived
+_HISTORY_SECONDS = 1.5  # s, for which poses are stored: sound that left a body before has arrived
 
 
 class EarsMemory(ctypes.Structure):
@@ -41,7 +41,7 @@ class EarsMemory(ctypes.Structure):
 
 
 class Course:
-    """Poses of a body or listener over time, added while it is heard, with even motion between.
+    """Poses of a body or listener over time, added while it sounds, with even motion between.
 
     The feeder's thread alone adds to them.
     """
@@ -120,7 +120,7 @@ class Following:
 def _require_rest(pose: Pose) -> tuple[Array, Array]:
     if pose.moves:
         raise OptionError(
-            "while it is played a listener goes where `player.listener` says: give a position and "
+            "the listener of a player moves by `player.listener`: give a position and "
             "a direction that stay"
         )
     points, rotations = pose.at(np.zeros(1))
@@ -128,14 +128,14 @@ def _require_rest(pose: Pose) -> tuple[Array, Array]:
 
 
 class _Bounded(Propagation):
-    """Propagation that goes on where a body comes over its listener: pressure is bounded there."""
+    """Propagation that continues if a body comes over its listener: pressure is bounded there."""
 
     def _require_possible(self, distances: Array, times: Array, places: Array) -> None:
         pass
 
 
 class _FieldGains(NamedTuple):
-    """Gains of a timbre field (points, M) at the begin and the end of a stretch, and for where."""
+    """Gains of a timbre field (points, M) at both ends of a stretch, with their places."""
 
     before: Complex
     after: Complex
@@ -190,7 +190,7 @@ class LiveEars:
 
     @property
     def points(self) -> int:
-        """How many places hear each body: two where bare ears hear a timbre field, else one."""
+        """Number of points at which bodies sound: 2 if bare ears hear a timbre field, else 1."""
         return self.propagation.lines // len(self._emitters)
 
     @property
@@ -273,7 +273,7 @@ class LiveEars:
         return int(np.count_nonzero(factors < 1))
 
     def _place_bodies(self) -> None:
-        """Let the emitters, which `propagation` asks, be where the courses are by now."""
+        """Update the emitters of `propagation` to the present courses."""
         for body in self._moved_bodies:
             centre = self._courses[body].carried(self._centres[body])
             self._emitters[body] = replace(self._emitters[body], centre=centre)
@@ -296,8 +296,8 @@ class LiveEars:
     def outputs(self, body: int, toward: Callable[[Array], Complex]) -> Complex:
         """Return the gains of a body with a timbre field at the end of the next block (points, M).
 
-        They are told `toward` the places where it is heard once a stretch, and go there evenly. Who
-        comes where nothing is known of the field hears it as before.
+        They are computed by `toward`, of the places of its listeners, once per stretch, and change
+        linearly in between. At places without a known field they stay as they were.
         """
         stretch_position = self._stretch_samples % self._stretch
         if not stretch_position:
@@ -306,7 +306,7 @@ class LiveEars:
         return gains.before + fraction * (gains.after - gains.before)
 
     def distances(self, body: int) -> Array:
-        """Return how far from its centre a body is heard by now (points,), m; 1 without a field."""
+        """Return distances of points from a body's centre now (points,), m; 1 without a field."""
         if body not in self.fields:
             return np.ones(1)
         self._place_bodies()

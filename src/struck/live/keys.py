@@ -23,7 +23,7 @@ from struck.model.model import ModalModel
 
 QUIT, DEFAULT = "q", " "
 _STRIKER_SPEEDS = 0.05, 0.5  # of a robot's striker, m/s
-_MAX_DELAY = 0.1  # s: a robot's strikes that are due for longer are not made up for
+_MAX_DELAY = 0.1  # s: a robot's strikes that are later than this are dropped
 _NUMBERS = "1234567890"
 _LETTERS = "".join(letter for letter in string.ascii_lowercase if letter != QUIT)
 
@@ -32,7 +32,7 @@ class Keys(Protocol):
     """A source of typed keys: a terminal, a pipe or a file, or none."""
 
     def pressed(self, seconds: float) -> str:
-        """Return the next key; "" where there is none for so long."""
+        """Return the next key; "" if there is none within `seconds`."""
         ...
 
     @property
@@ -74,7 +74,7 @@ class PipedKeys:
         self._typed.put(b"")
 
     def pressed(self, seconds: float) -> str:
-        """Return the next key; "" where there is none for so long, or they have ended."""
+        """Return the next key; "" if there is none within `seconds`, or at the end."""
         try:
             key = self._typed.get(timeout=seconds)
         except queue.Empty:
@@ -169,7 +169,7 @@ else:
 
 
 class Robot:
-    """Strikes bodies at random places, a number of times a second, and scrapes some of them."""
+    """Strikes bodies at random places, a number of times per second, and scrapes some of them."""
 
     def __init__(
         self,
@@ -214,7 +214,7 @@ class Robot:
 
 
 def _find_ends(model: ModalModel) -> list[str] | list[Array]:
-    """Return both ends of a scrape along a body; none of a body whose metres are unknown."""
+    """Return both ends of a scrape along a body; [] if lengths on it are unknown."""
     mesh, bounds = model.geometry, model.gains.bounds
     if mesh is not None and not model.recorded:
         far_vertex = np.argmax(np.linalg.norm(mesh.points - mesh.points[0], axis=1))

@@ -14,7 +14,7 @@ With r(n) = min(1, ceiling / loudest channel at n), each sample's gain takes fou
 The moving averages add and subtract whole numbers below 2^53, which float64 does exactly: nothing
 drifts, and a gain that should be 1 is 1. Last, a fade opens or closes the output.
 
-Peaks are sample peaks; what a converter makes between them may be higher (ITU-R
+Peaks are sample peaks; true peaks between samples may be higher (ITU-R
 BS.1770-5, annex 2).
 """
 
@@ -33,7 +33,7 @@ CEILING, RELEASE, FADE_STEP = 0, 1, 2
 CHANNELS, DELAY, HELD, FIRST_LENGTH, SECOND_LENGTH, UNIT = 3, 4, 5, 6, 7, 8
 TIME, RELEASED, FIRST_SUM, SECOND_SUM, OPENING = 9, 10, 11, 12, 13
 OLDEST, NEWEST = 14, 15  # of the queue, both only grow
-REPLACED, LEAST_GAIN = 16, 17  # for whoever watches
+REPLACED, LEAST_GAIN = 16, 17  # for the user's thread
 _HEAD = 18
 
 _EXACT_BITS = 53  # bits of a whole number that float64 holds
@@ -132,7 +132,7 @@ def _find_peak(state: Array, samples: Array, sample: int) -> float:
 
 
 def _hold_gain(state: Array, gain: float) -> float:
-    """Return the least gain wanted of late; the queue holds times and gains that both rise."""
+    """Return the least of the recent gains; the queue holds times and gains that both rise."""
     size = int(state[HELD])
     first = _HEAD + int(state[FIRST_LENGTH]) + int(state[SECOND_LENGTH])
     times, gains = state[first : first + size], state[first + size : first + 2 * size]

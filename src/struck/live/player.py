@@ -1,6 +1,6 @@
 """Bodies that sound while they are touched: the live counterpart of `render`.
 
-A `Player` queues what its user says (`struck.live.commands`). A thread, the `Feeder`, makes a
+A `Player` queues the calls of its user (`struck.live.commands`). A thread, the `Feeder`, makes a
 record of it for each block and keeps a ring of them filled ahead of the audio device, whose
 callback (`struck.live.callback`) reads them without Python.
 """
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from struck.scene.engines.mujoco import Control
     from struck.scene.engines.simulation import Simulation
 
-_VOICES, _BLOCKS_AHEAD = 16, 2  # unless given; and of scenes, which are planned ahead anyway
+_VOICES, _BLOCKS_AHEAD = 16, 2  # defaults; and those of scenes, which are planned ahead anyway
 _SCENE_VOICES, _SCENE_BLOCKS_AHEAD = 128, 8
 MIN_VOLUME, MAX_VOLUME = -120.0, 60.0  # bounds of the volume, dB
 _STALL_SECONDS = 2.0  # s without a new block: the device is gone
@@ -49,10 +49,10 @@ _SWITCH_INTERVAL = 0.00005  # s
 class Player:
     """Bodies that are struck, scraped, touched and held while they sound.
 
-    `struck.play` makes it. All of its methods may be called from any thread, at any rate: they
-    return at once, and what they say is heard two blocks and the device's own latency later, in
-    order and as far apart as it was said. What has a `moment` comes at that moment of the player's
-    clock instead, to the sample.
+    `struck.play` makes it. All of its methods may be called from any thread, at any rate. They
+    return at once and take effect two blocks and the device's latency later, in order and at the
+    same distances in time. With a `moment` they take effect at that moment of the player's clock,
+    to the sample.
 
     Its parameters are those of `struck.play`: `models` (B of them), and the `outlet` where sound
     leaves, an audio device or a test; a listener is a place (3,), m, or has one; `lost` are notes.
@@ -129,9 +129,9 @@ class Player:
         body : int or str
             Which one: its number, or its name in the scene.
         moment : float, optional
-            When, on the player's clock (`now`), s; at once unless given.
-        **given
-            What makes a `Strike`, in place of one.
+            When, on the player's clock (`now`), s. Default: at once.
+        **options
+            Arguments of `Strike`, in place of one.
 
         Raises
         ------
@@ -187,7 +187,7 @@ class Player:
         tool: Tool | None = None,
         moment: float | None = None,
     ) -> None:
-        """Say where a hand, a tool or a haptic device is, how hard it presses and how it moves.
+        """Update the position, load and velocity of a hand, a tool or a haptic device.
 
         Call it 60 to 1000 times a second while it touches, and once with force 0 when it lets go.
 
@@ -200,11 +200,13 @@ class Player:
         velocity : float or array-like
             Along the surface, m/s; its magnitude counts.
         direction : array-like (3,), optional
-            Along which it presses; straight into the surface unless given.
-        body, finger : int or str, int
-            Which body, and which of several touches on it.
+            Along which it presses. Default: straight into the surface.
+        body : int or str
+            Which one: its number, or its name in the scene. Default: 0.
+        finger : int
+            Number of the touch, of several on one body. Default: 0.
         tool : Tool, optional
-            What touches, said with the first touch of a finger.
+            What touches; the tool of the first touch of a finger counts.
         moment : float, optional
             As for `strike`.
 
@@ -281,18 +283,19 @@ class Player:
         *,
         moment: float | None = None,
     ) -> None:
-        """Move a body, which is heard from there with its Doppler shift.
+        """Move a body; its sound has the Doppler shift of the motion.
 
         Parameters
         ----------
         body : int or str
             Which one.
-        position, rotation : array-like (3,), array-like (3, 3) or (4,), optional
-            Where the origin of its coordinates goes, m, and how it is turned, as for a `Body`; what
-            is not given stays.
+        position : array-like (3,), optional
+            Where the origin of its coordinates goes, m, as for a `Body`. Default: it stays.
+        rotation : array-like (3, 3) or (4,), optional
+            Its rotation there, as for a `Body`. Default: it stays.
         moment : float, optional
-            When it is there, on the player's clock, s: it moves evenly from its last pose. At once
-            unless given: it goes there within some 10 ms.
+            When it is there, on the player's clock, s: it moves evenly from its last pose. Default:
+            at once, within some 10 ms.
 
         Raises
         ------
@@ -306,9 +309,9 @@ class Player:
     def follow(self, contacts: Contacts, *, ended: bool = False) -> None:
         """Play the next piece of a contact log: motion and contacts of the scene's bodies.
 
-        Its blows and sustained contacts are heard, and its poses taken, some 100 ms later, in which
-        the next piece has to come: give 20 to 100 ms at a time, with the same names, of times that
-        go on. Of one that has `ended` all is heard.
+        Its blows and sustained contacts sound, and its poses take effect, some 100 ms later; the
+        next piece has to come before that: give 20 to 100 ms at a time, with the same names and
+        ascending times. A piece that has `ended` is played to its end.
 
         Raises
         ------
@@ -336,7 +339,8 @@ class Player:
     def listener(self) -> Array | Listener:
         """Where all bodies are heard, m (3,), or with which ears.
 
-        Ears go to a new place, and turn, within some 10 ms; what is on its way arrives there.
+        Ears move to a new place, and turn, within some 10 ms; sound that travels already arrives
+        there.
         """
         return self._host.listener
 
@@ -394,7 +398,7 @@ class Player:
 
     @property
     def active(self) -> bool:
-        """Whether the player is heard: not once it was stopped or the device went."""
+        """Whether the player sounds: False once it was stopped or the device has gone."""
         if self._stopped or not self._feeder.running or not self._outlet.active:
             return False
         return self._host.queue.idle < _STALL_SECONDS
@@ -444,12 +448,12 @@ class Player:
 
     @property
     def underflows(self) -> int:
-        """How often the device ran out of samples."""
+        """Number of times that the device ran out of samples."""
         return int(self._shared.counters[callback.UNDERFLOWS])
 
     @property
     def late(self) -> int:
-        """Blocks for which no forces had come in time: loads were held."""
+        """Number of blocks whose forces were late; loads were held."""
         return int(self._shared.counters[callback.LATE])
 
     @property
@@ -553,9 +557,9 @@ _HASTE = _Haste()  # one for the interpreter, as is the interval
 class Feeder:
     """Thread that fills a ring with records, block after block, until it is stopped.
 
-    The callback must not wake anybody: that could make it wait. So the thread looks again after
-    half a block. What delays it is the interpreter's lock: another thread that computes in Python
-    lets go of it only once a switch interval, by default 5 ms, as long as two blocks of 128
+    The callback must not wake a thread: that could make it wait. So the feeder checks the ring
+    every half block. What delays it is the interpreter's lock: another thread that computes in
+    Python lets go of it only once a switch interval, by default 5 ms, as long as two blocks of 128
     samples. While it runs the interval is 0.05 ms, as excitations let go of the lock several times
     in a block, wherever compiled code or NumPy works, and wait for it each time.
     """
@@ -578,7 +582,7 @@ class Feeder:
         self._thread = threading.Thread(target=self._run, name="struck feeder", daemon=True)
 
     def start(self) -> None:
-        """Fill the ring for the first time, and go on in a thread."""
+        """Fill the ring for the first time, and continue in a thread."""
         self._top_up()
         self._thread.start()
         _HASTE.begin()

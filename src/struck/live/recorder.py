@@ -37,14 +37,14 @@ def microphone(
     seconds : float
         How long, up to ten minutes.
     device : int or str, optional
-        Number or part of the name of one that records; the default one unless given.
+        Number or part of the name of a device that records. Default: the system's.
     sample_rate : float, optional
-        Hz; the device's own unless given.
+        Hz. Default: that of the device.
 
     Returns
     -------
     Sound
-        Its samples, 1.0 at full scale, and their rate: what `ForceTrack` takes as a force.
+        Its samples, 1.0 at full scale, and their rate, as `ForceTrack` takes them.
 
     Raises
     ------
@@ -71,11 +71,11 @@ class DeviceRecorder:
     Parameters
     ----------
     device : int or str, optional
-        Number or part of the name; the default one unless given.
+        Number or part of the name. Default: the system's.
     channels : int
         How many of its inputs, from the first on.
     sample_rate : float, optional
-        Hz; the device's own unless given.
+        Hz. Default: that of the device.
     """
 
     def __init__(

@@ -2,8 +2,8 @@
 
 Records lie in plain memory, each of some integers and some reals. The writer fills the next slot
 and then moves `WRITTEN`; the reader sees it move, reads the slot in place and then moves `READ`
-(`queue.h` in the core tells why neither ever waits). Here is the writer's side; the reader is the
-audio callback.
+(`queue.h` in the core explains why neither ever waits). Here is the writer's side; the reader is
+the audio callback.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from struck.model.arrays import Array, Index
 from struck.synth.memory import Memory, part
 
 # A record is what the feeder gives the callback for one block: forces, and all that changed. It has
-# the same size for every block, to fit a slot of the ring; flags say which parts of it are new.
+# the same size for every block, to fit a slot of the ring; flags mark its new parts.
 
 # What a voice does in a block, and flags of what is new to it or to a body.
 SILENT, ON, BEGIN = 0, 1, 2
@@ -40,13 +40,13 @@ class Record(NamedTuple):
     voices: Index  # (voices, 3): SILENT, ON or BEGIN; the body; whether its drive is new
     bodies: Index  # (bodies,): NEW_POLES, NEW_OUTPUTS, FIRST_OUTPUTS added up
     volume: Array  # (1,): full scale per Pa, at the end of the block
-    loads: Array  # (voices,): what each force settles at while the next record is late, N
+    loads: Array  # (voices,): value of each force while the next record is late, N
     forces: Array  # (voices, block)
-    beside: Array  # (bodies, points, block): what sounds beside the modes of each
+    beside: Array  # (bodies, points, block): sounds added to the modes of each
     drives: Array  # (voices, modes of the largest body)
     outputs: Array  # (2, points, N): real and imaginary parts, at the end of the block
     poles: Array  # (2, N): logarithm of a sample's factor, real and imaginary part
-    stretch: Index  # (2,): whether the ears' ways are new, samples of their stretch that are over
+    stretch: Index  # (2,): whether the ears' paths are new, samples of their stretch that are over
     ways: Array  # (2, paths, 3): delays, samples, and gains, as of `struck.ears.delay_lines.Paths`
     responses: Array  # (paths, taps) of the ears, at the end of the stretch
 

@@ -75,11 +75,11 @@ class Started:
             self._left = self._fade_samples
 
     def end(self) -> None:
-        """End the excitation at once, because it found no voice or could not go on."""
+        """End the excitation at once, because it found no voice or failed."""
         self._left = 0
 
     def change(self, model: ModalModel) -> None:
-        """Go on, where it can, on a body that has changed."""
+        """Continue, if possible, on a body that has changed."""
         if isinstance(self._pushing, Changing):
             self._pushing.change(model)
 
@@ -102,7 +102,7 @@ class Started:
 
 
 class LastError:
-    """The last exception in the thread that feeds the voices, kept until the caller asks for it."""
+    """The last exception in the thread that feeds the voices, until the caller raises it."""
 
     def __init__(self) -> None:
         self._last: Exception | None = None
@@ -152,7 +152,7 @@ class Voices:
         return None if voice is None else voice.pushing
 
     def add(self, pushing: Pushing, body: int, key: Hashable) -> bool:
-        """Add an excitation under a key of its own; False where there is no room."""
+        """Add an excitation under a new key; False if all voices are in use."""
         if not self.free:
             return False
         number = self._voices.index(None)
@@ -161,19 +161,19 @@ class Voices:
         return True
 
     def change(self, body: int, model: ModalModel) -> None:
-        """Let the excitations of a body go on when its model has changed."""
+        """Change the model of the excitations of a body."""
         for number, voice in enumerate(self._voices):
             if voice is not None and voice.body == body and isinstance(voice.pushing, Changing):
                 try:
                     voice.pushing.change(model)
-                except Exception as failure:  # noqa: BLE001 - raised for whoever plays
+                except Exception as failure:  # noqa: BLE001 - raised in the user's thread
                     self._give_up(number, failure)
 
     def write(self, record: Record, steady: Mapping[int, Complex]) -> None:
         """Write the forces of the next block, and the drives that have changed.
 
-        What is subtracted of each mode's output as the answer to a steady force, `steady`
-        (points, N) for 1 N, is given back to ideal blows: nothing of them is steady.
+        The steady response that is subtracted from each mode's output, `steady` (points, N) for 1
+        N, is added again for ideal blows, which have no steady part.
         """
         record.voices[:] = SILENT
         for number, voice in enumerate(self._voices):
@@ -238,6 +238,6 @@ def _require_sound(push: Push, last: Array | None, width: int) -> None:
         )
     if push.drive is not last and not (len(push.drive) <= width and np.isfinite(push.drive).all()):
         raise OptionError(
-            "an excitation was stopped: its drive is not finite or does not fit; begin it anew "
+            "an excitation was stopped: its drive is not finite or does not fit; begin it again "
             "on this model"
         )

@@ -43,20 +43,20 @@ def save_animation(
     Parameters
     ----------
     scene : Scene
-        Its bodies where they move; those without a surface are left out.
+        Its bodies and their motion; bodies without a surface are left out.
     path : path
         Ending in ``.glb``.
     seconds : float
         Length, s.
     frames_per_second : float
-        Hz; between frames viewers go straight and turn evenly.
+        Hz; viewers interpolate between frames. Default: 60.
 
     Raises
     ------
     OptionError
-        On no body with a surface, or numbers outside their bounds.
+        If no body has a surface, or on numbers outside their bounds.
     FileFormatError
-        Where it cannot be written.
+        If it cannot be written.
     """
     require_number("seconds", seconds, 0.0, 3600.0, above=True, hint="it must exceed 0")
     require_number("frames_per_second", frames_per_second, 1.0, 1000.0, hint="give 1 to 1000")
@@ -82,7 +82,7 @@ def group_of(body: Body) -> str:
 
 
 def course_of(body: Body, times: Array) -> tuple[Array, Array]:
-    """Return where a body is and how it is turned (T, 3), (T, 3, 3)."""
+    """Return positions (T, 3), m, and rotations (T, 3, 3) of a body at times (T,), s."""
     return body.origin.at(times), body.orientation.at(times)
 
 
@@ -138,7 +138,7 @@ class _Document:
     def _mesh(self, body: Body) -> int:
         """Return the number of a body's surface in the file; equal surfaces are stored once."""
         surface, group = body.model.geometry, group_of(body)
-        assert isinstance(surface, Mesh)  # noqa: S101 - whoever calls has looked
+        assert isinstance(surface, Mesh)  # noqa: S101 - the caller has checked
         key = (id(surface), group)
         if key not in self._meshes:
             points = surface.points[surface.faces].reshape(-1, 3).astype("<f4")
@@ -205,7 +205,7 @@ class _Document:
 
 
 def _compute_quaternions(rotations: Array) -> Array:
-    """Return rotations as (x, y, z, w), each on the side of the one before (T, 4)."""
+    """Return rotations as (x, y, z, w) of continuous sign (T, 4)."""
     quaternions = Rotation.from_matrix(rotations).as_quat()
     flip_parity = (
         np.cumsum(np.append(False, np.einsum("td,td->t", quaternions[1:], quaternions[:-1]) < 0))

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from struck.excitation.roughness import Finish
     from struck.scene.contacts import Contacts
 
-Action = Excitation | Hold  # what may happen to a body
+Action = Excitation | Hold  # an action on a body
 _EARTH = (0.0, 0.0, -9.81)
 _PLAUSIBLE_SPEED = 100.0  # m/s of a striker: of a bullet rather than of a hand or a machine
 
@@ -40,18 +40,18 @@ class RigidBody:
     Parameters
     ----------
     geometry : Mesh or None
-        Its surface; None: touched at any place.
+        Its surface. Default: None, touched at any place.
     material : Material, str or None
-        A name is looked up as in `Material.named`. None: as hard as can be.
+        A name is looked up as in `Material.named`. Default: None, as hard as possible.
     mass : float or None
-        kg; None: it does not give way.
+        kg. Default: None, it does not move when it is hit.
     centre : array-like (3,) or None
         Centre of mass, m.
     inertia : array-like (3, 3) or None
         Moments of inertia about it, kg m^2.
     plane : bool
         Whether the body is all of the plane z = 0 of its coordinates, as a floor is. It changes
-        pictures alone: contacts say where it is touched. Default: False.
+        pictures only: positions of contacts are given separately. Default: False.
 
     Raises
     ------
@@ -87,11 +87,11 @@ class RigidBody:
                 "turn its faces round"
             )
         if self.mass is not None and not 0 < self.mass < np.inf:
-            raise OptionError(f"mass is {self.mass} kg: it must exceed 0; None does not give way")
+            raise OptionError(f"mass is {self.mass} kg: it must exceed 0; None does not move")
 
     @property
     def supported(self) -> bool:
-        """Whether the body is held, and does not give way."""
+        """Whether the body is held, and does not move when it is hit."""
         return self.mass is None
 
 
@@ -193,7 +193,7 @@ class Body:
         if not isinstance(self.model, ModalModel):
             raise OptionError("the body has no model of its sound: give it a ModalModel")
         if self.fixed and self.model.recoil is not None:
-            return replace(self.model, recoil=None)  # it does not give way
+            return replace(self.model, recoil=None)  # a held body does not move
         return self.model
 
     def carried(self, point: Array) -> MovingPoint:

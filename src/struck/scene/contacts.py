@@ -1,7 +1,7 @@
 """Contacts of rigid bodies and their motion: the whole interface to a simulation.
 
-Every simulation, script or hand-written table speaks through `Contacts`: one row for each point of
-contact and step, in the names and the sense of NVIDIA Isaac's raw contact data (``time dt body0
+Every simulation, script or hand-written table passes its data as `Contacts`: one row for each point
+of contact and step, in the names and the sense of NVIDIA Isaac's raw contact data (``time dt body0
 body1 position normal impulse``), since no standard exists.
 """
 
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from struck.errors import OptionError, counted, rounded
 from struck.model.arrays import AnyArray, Array, Index, Mask, checked, numbers
 
-_MAX_STEP = 1.0  # s, that one row may last
+_MAX_STEP = 1.0  # s, of one row
 _MAX_MAGNITUDE = 1e6  # m, m/s and N s: larger numbers are those of a simulation that exploded
 _MAX_TIME = 1e6  # s
 
@@ -24,7 +24,7 @@ _MAX_TIME = 1e6  # s
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Poses:
-    """Where bodies are over time, row by row.
+    """Poses of bodies over time, row by row.
 
     Parameters
     ----------
@@ -46,8 +46,8 @@ class Poses:
 
     Notes
     -----
-    Rows are put in order of body and time. Of several rows of one body and time the last counts;
-    `notes` tell how many were left out.
+    Rows are sorted by body and time. If several rows have the same body and time, the last counts;
+    `notes` give the number of the others.
     """
 
     time: Array
@@ -79,8 +79,10 @@ class Poses:
         ----------
         time : array-like (T,)
             s.
-        position, rotation : array-like (T, B, 3), (T, B, 4)
-            As in the class.
+        position : array-like (T, B, 3)
+            Positions of the origins of the bodies' coordinates in the world, m.
+        rotation : array-like (T, B, 4)
+            Unit quaternions (w, x, y, z) from the bodies' coordinates to the world's.
 
         Raises
         ------
@@ -121,22 +123,24 @@ class Contacts:
         Of the bodies; `body0` and `body1` count them from 0.
     time : array-like (K,)
         When the step begins in which the impulse acts, s.
-    body0, body1 : array-like (K,)
-        Numbers of the two that touch.
+    body0 : array-like (K,)
+        Number of one of the two bodies that touch.
+    body1 : array-like (K,)
+        Number of the other one.
     position : array-like (K, 3)
         In the world, m.
     impulse : array-like (K, 3)
         What body1 receives during the step, friction included, N s; body0 gets the opposite.
     dt : array-like (K,) or one number
-        How long the step lasts, s; 0 for an impact that is one row by itself.
+        How long the step lasts, s; 0 for an impact of a single row. Default: 0.
     normal : array-like (K, 3)
-        From body0 to body1, of any length; the direction of the impulse unless given.
+        From body0 to body1, of any length. Default: the direction of the impulse.
     velocity : array-like (K, 3) or None
         Of body1 as seen from body0 at the point when the step begins, m/s; None: unknown.
     id : array-like (K,) or None
         Number of the point of contact, the same from step to step, where the simulation has one.
     poses : Poses or None
-        Where the bodies are; None: where the scene says.
+        Poses of the bodies over time. Default: None, those of the scene.
     notes : tuple of str
         On rows that were changed or left out.
 
@@ -148,8 +152,8 @@ class Contacts:
 
     Notes
     -----
-    Rows are put in order of time, and of rows that are the same in everything one is kept; `notes`
-    tell what was changed, and how often.
+    Rows are sorted by time, and one of several identical rows is kept; `notes` list the changes and
+    their numbers.
     """
 
     names: Sequence[str]
@@ -217,7 +221,7 @@ class Contacts:
         normals = self.normal if len(self.normal) or not len(impulses) else impulses
         normals = _column("normal", normals, impulses.shape)
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-        # A point without load has no direction of its own; it pushes nothing.
+        # A point without load has no direction; it pushes nothing.
         return np.where(lengths > 0, normals / np.maximum(lengths, 1e-300), (0.0, 0.0, 1.0))
 
     def _require_pairs(self, body0: Index, body1: Index) -> None:
@@ -274,7 +278,7 @@ def _names(names: Sequence[str]) -> tuple[str, ...]:
     body_names = tuple(names)
     duplicates = sorted({name for name in body_names if body_names.count(name) > 1})
     if duplicates or not all(body_names):
-        raise OptionError(f"names are {body_names}: give each body a name of its own")
+        raise OptionError(f"names are {body_names}: give each body a different name")
     return body_names
 
 

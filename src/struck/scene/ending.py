@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from struck.errors import OptionError, rounded
 from struck.model.arrays import require_number
 
-FADE = 0.01  # s, by default; below 20 ms a fade is heard as an end, not as a decay
+FADE = 0.01  # s, by default; a fade below 20 ms sounds like an end, not a decay
 _DECAYED_RATIO = 10 ** (-60 / 20)  # level of the end over the peak, below which a sound has decayed
-_END_SECONDS = 0.005  # s at the end whose root mean square is its level
+_END_SECONDS = 0.005  # s, from the end, of whose samples the root mean square is the level
 _MIN_AUDIBLE_PEAK = 2.8e-4  # Pa, the peak of a tone of 20 dB SPL: softer than a quiet room
 _REFERENCE_PRESSURE = 20e-6  # Pa, 0 dB SPL (ISO 1683)
 

@@ -1,11 +1,11 @@
 """Events: the contacts of a simulation sorted into blows and lasting contacts.
 
 The force of a simulation is no sound: its steps are longer than a blow, and a soft solver makes a
-blow longer still. What it knows well is the impulse. So rows of a log are parted into blows and
-loads (`struck.scene.impact_detection`). A blow keeps impulse, time, place and direction of its
-rows, and gets the duration that elastic impact of the two bodies gives (Hertz: materials,
-curvatures, and the masses with which they give way there). A lasting load by itself is silent; what
-slides or rolls under it sounds by its roughness (`struck.scene.sustained_contact`).
+blow longer still. Impulses are accurate. So rows of a log are separated into blows and loads
+(`struck.scene.impact_detection`). A blow keeps impulse, time, place and direction of its rows, and
+gets the duration that elastic impact of the two bodies gives (Hertz: materials, curvatures, and
+effective masses there). A lasting load alone is silent; bodies that slide or roll under it sound by
+their roughness (`struck.scene.sustained_contact`).
 
 Both bodies get the same force, with opposite sign.
 """
@@ -32,13 +32,13 @@ from struck.scene.impact_detection import ImpactDetection, Pair, detect_impacts,
 from struck.scene.sustained_contact import SustainedContact, find_sustained
 
 FORCES = ("events", "impulses2002", "gaussian2002", "noise2002")
-MIN_SPEED_CHANGE = 2e-3  # m/s: what changes the speed of two bodies by less is no blow
+MIN_SPEED_CHANGE = 2e-3  # m/s, the least change of the speed of two bodies by a blow
 _PATCH_RATIO = 0.1  # of the smaller body's extent: points of a blow as near as that are one
-_REBOUND = 1.5  # 1 + restitution, where nobody says how fast bodies came together
+_REBOUND = 1.5  # 1 + restitution, if the approach speed is unknown
 _MIN_RADIUS, _MAX_RADIUS = 5e-4, 1.0  # m, the least and largest radius of curvature of two bodies
 _OFF_SURFACE_RATIO = 0.1  # of a body's extent: contacts farther off its surface are counted
-_NOISE = 1.0  # share of noise in the force, for the roughness of 2002
-_MAX_POSE_GAP = 0.05  # s, or three times the usual one: a longer gap between poses is told
+_NOISE = 1.0  # level of noise in the force, for the roughness of 2002
+_MAX_POSE_GAP = 0.05  # s, or three times the median: longer gaps between poses are noted
 _FAINT_RATIO = 1e-6  # of the largest impulse of a point: weaker ones are counted, not listed
 _TINY = 1e-300
 
@@ -50,18 +50,18 @@ class Impacts:
     blow: Index  # (P,), number of the blow
     first: Index  # (P,), body that gets the opposite impulse
     second: Index  # (P,)
-    time: Array  # (P,), of the blow's middle, s
+    time: Array  # (P,), of the midpoint of the blow, s
     pose_time: Array  # (P,), when the bodies are so that the position holds, s
     position: Array  # (P, 3), in the scene, m
     impulse: Array  # (P, 3), on the second body, N s
-    approach: Array  # (P,), how fast the bodies came together, m/s; NaN: nobody says
+    approach: Array  # (P,), approach speed of the bodies, m/s; NaN: unknown
 
     def __len__(self) -> int:
         return len(self.time)
 
     @property
     def is_faint(self) -> Mask:
-        """Which points have less than 1e-6 of the largest impulse (P,)."""
+        """Whether points have less than 1e-6 of the largest impulse (P,)."""
         sizes = np.linalg.norm(self.impulse, axis=1)
         return sizes < _FAINT_RATIO * np.max(sizes, initial=0.0)
 
@@ -71,7 +71,7 @@ class Impacts:
 
     @classmethod
     def together(cls, parts: Sequence[Impacts]) -> Impacts:
-        """Return the impacts of several pairs joined, in order of time, blows numbered anew."""
+        """Return the impacts of several pairs joined, in order of time, blows numbered again."""
         firsts = np.cumsum([0, *(int(part.blow.max(initial=-1)) + 1 for part in parts)])
         columns = {
             name: np.concatenate([getattr(part, name) for part in parts]) for name in cls.__slots__
@@ -84,7 +84,7 @@ class Impacts:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Events:
-    """All that is heard of the contacts of a scene.
+    """Blows and sustained contacts of a scene.
 
     Parameters
     ----------
@@ -498,7 +498,7 @@ def project_onto_surface(
     if np.median(distances) > mesh.extent:
         raise ContactError(
             f"contacts of {name!r} are {rounded(np.median(distances), 3)} m off its surface, and "
-            f"it is {rounded(mesh.extent, 3)} m large: look at the units of the log, and at the "
+            f"it is {rounded(mesh.extent, 3)} m large: check the units of the log, and the "
             "body's pose"
         )
     far_count = np.count_nonzero(distances > _OFF_SURFACE_RATIO * mesh.extent)
@@ -512,7 +512,7 @@ def project_onto_surface(
 
 
 def _strike(forces: str, duration: float | None, seed: int) -> Strike:
-    """Return how a point of contact pushes, its place and strength apart."""
+    """Return the strike at a point of contact, without its place and strength."""
     if forces == "gaussian2002":
         return Strike(impulse=1.0, duration=SOFTNESS, shape="gaussian")
     if forces == "noise2002":

@@ -35,7 +35,7 @@ def with_plural(text: str) -> str:
 def list_names(names: Sequence[str], form: str = "{}") -> str:
     """Return names as words: "a, b and c", numbered ones as "c0 to c3", more than six counted.
 
-    `form` is how a single name is written, such as `QUOTED`.
+    `form` is how a single name is written, such as `QUOTED_FORM`.
     """
     parts: list[str] = []
     counts: list[int] = []

@@ -1,14 +1,14 @@
-"""Touches: the rows of a contact log, parted into blows and lasting loads, pair by pair.
+"""Impact detection: rows of a contact log separated into blows and lasting loads, by pairs.
 
-A simulation tells of a touch step by step, and how depends on its solver: a hard one gives the
-whole impulse in one step, a soft one spreads it over a dozen, a body at rest gives its weight times
-the step in every step, and the points of contact that carry it change from step to step. So the
-rows of a pair are added up step by step; what a step has above the lasting load of its
-neighbourhood belongs to a blow, the rest is load.
+How a simulation logs a contact depends on its solver: a hard one gives the whole impulse in one
+step, a soft one spreads it over a dozen. A body at rest has its weight times the step in every
+step, and the points of contact that carry it change from step to step. So the rows of a pair are
+summed in each step; the excess of a step over the lasting load of its neighbourhood belongs to a
+blow, the remainder is load.
 
 The lasting load is a running median of the impulse of a step, once the flicker of single steps is
-averaged out: a blow is short, so a median does not see it, at the edge of a rest as little as
-within. A touch too short to be a rest is a blow as a whole.
+averaged out: a blow is short, so a median does not see it, neither within a lasting contact nor at
+its ends. A contact too short to be lasting is a blow as a whole.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from scipy.ndimage import binary_dilation, median_filter, uniform_filter1d
 from struck.model.arrays import Array, Index, Mask
 from struck.scene.contacts import Contacts
 
-_MAX_GAP_STEPS = 3  # steps without a row that do not end a touch, nor part two hits of one blow
+_MAX_GAP_STEPS = 3  # steps without a row that end neither a contact nor a blow
 _MAX_GAP_SECONDS = 5e-3  # of steps longer than that, one
-# A touch of fewer steps is a blow: a soft solver takes a dozen for one, and 40 ms are no rest.
+# A contact of fewer steps is a blow: a soft solver takes a dozen for one, and 40 ms are no rest.
 BRIEF_STEPS, _BRIEF_SECONDS, _MIN_STEPS = 31, 40e-3, 4
 _FLICKER_STEPS = 6  # steps over which the load of changing points of contact is averaged
-_PEAK_RATIO = 3.0  # times the lasting load above it: such a step is of a blow
-_SWELL_RATIO = 0.5  # times it, on the average: such steps are, where the bodies came together
-_MIN_CLOSING_SPEED = 5e-3  # m/s
-_FLANK_RATIO = 0.25  # of the lasting load above it: there the flanks of a blow end
+_PEAK_RATIO = 3.0  # times the lasting load: a step with that excess is a peak of a blow
+_SWELL_RATIO = 0.5  # times the lasting load: mean excess of a peak while bodies approach
+_MIN_CLOSING_SPEED = 5e-3  # m/s, the approach speed of such bodies
+_FLANK_RATIO = 0.25  # times the lasting load: excess at which the flanks of a blow end
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -45,12 +45,12 @@ class Pair:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ImpactDetection:
-    """The rows of a pair, each parted into a share of a blow and a share of a load."""
+    """Impacts and loads detected in the rows of a pair: each row is part blow, part load."""
 
-    step: float  # s; 0 where rows are blows by themselves
+    step: float  # s; 0 if every row is a separate blow
     blow: Index  # (n,), number of the blow a row belongs to, -1 for none
     fraction: Array  # (n,), of the row's impulse that belongs to the blow
-    contact: Index  # (n,), number of the lasting touch a row belongs to, -1 for none
+    contact: Index  # (n,), number of the lasting contact a row belongs to, -1 for none
     load: Array  # (n,), N, that lasts about a row's step, of all its rows together
 
     @property
@@ -75,13 +75,14 @@ def pairs_of(contacts: Contacts) -> Iterator[Pair]:
 def detect_impacts(
     time: Array, dt: Array, strength: Array, approach: Array | None = None
 ) -> ImpactDetection:
-    """Part the rows of a pair into blows and loads.
+    """Separate the rows of a pair into blows and loads.
 
     Parameters
     ----------
-    time, dt : array (n,)
-        When the step of each row begins, ascending, and how long it lasts, s; a row that lasts 0 s
-        is a blow by itself.
+    time : array (n,)
+        Start of the step of each row, ascending, s.
+    dt : array (n,)
+        Duration of that step, s; rows of 0 s are blows, one for each time.
     strength : array (n,)
         Size of its impulse, N s.
     approach : array (n,) or None
@@ -107,7 +108,7 @@ def detect_impacts(
 def _detect_in_steps(
     time: Array, step: float, strength: Array, approach: Array | None
 ) -> tuple[Index, Array, Index, Array]:
-    """Return blow, share, rest and load of rows that last a step."""
+    """Return blow, fraction, contact and load of rows that last a step."""
     numbers = np.round((time - time[0]) / step).astype(np.int64)
     positions, contact, start_steps, lengths = _concatenate_steps(numbers, _gap_limit(step))
     impulses = np.zeros(int(start_steps[-1] + lengths[-1]))
@@ -144,10 +145,10 @@ def _gap_limit(step: float) -> int:
 
 
 def _concatenate_steps(numbers: Index, max_gap: int) -> tuple[Index, Index, Index, Index]:
-    """Lay the steps of all touches end to end, so that a gap inside a touch is a step without load.
+    """Concatenate the steps of all contacts; a gap inside a contact is a step without load.
 
-    Returns the place of each row and the number of its touch (n,), and where touches start and how
-    many steps they have (T,).
+    Returns the step and the contact of each row (n,), and the first step and the number of steps of
+    each contact (T,).
     """
     ends = np.flatnonzero(np.diff(numbers) > max_gap)
     first_rows, last_rows = np.append(0, ends + 1), np.append(ends, len(numbers) - 1)
@@ -163,14 +164,14 @@ def _concatenate_steps(numbers: Index, max_gap: int) -> tuple[Index, Index, Inde
 
 
 def _estimate_load(impulses: Array, min_contact_steps: int) -> tuple[Array, Array]:
-    """Return each step's impulse without flicker, and its lasting part, in one touch (steps,)."""
+    """Return each step's smoothed impulse and its lasting part in one contact (steps,)."""
     smooth_impulses = uniform_filter1d(impulses, _FLICKER_STEPS, mode="nearest")
     if len(impulses) < min_contact_steps:
         return smooth_impulses, np.zeros(len(impulses))
     window = 2 * min_contact_steps + 1
     if len(smooth_impulses) <= window:
         return smooth_impulses, np.full(len(smooth_impulses), np.median(smooth_impulses))
-    # Beyond the ends it goes on as at the ends, blows there left out.
+    # It is padded with the medians at its ends, which blows there do not change.
     head, tail = (
         np.full(min_contact_steps, np.median(part))
         for part in (smooth_impulses[:window], smooth_impulses[-window:])
@@ -184,7 +185,7 @@ def _estimate_load(impulses: Array, min_contact_steps: int) -> tuple[Array, Arra
 def _number_blows(is_blow: Mask, is_peak: Mask, max_gap: int, start_steps: Index) -> Index:
     """Return the number of the blow that each step belongs to (steps,), -1 for none."""
     numbers = _number_runs(is_blow, max_gap, start_steps)
-    # A run in which nothing stands out is the load that sways.
+    # A run without a peak is a load that varies.
     has_peak = np.zeros(numbers.max(initial=-1) + 2, np.bool_)
     has_peak[numbers[is_peak]] = True
     has_peak[-1] = False  # of steps without number
@@ -192,7 +193,7 @@ def _number_blows(is_blow: Mask, is_peak: Mask, max_gap: int, start_steps: Index
 
 
 def _number_runs(mask: Mask, max_gap: int, start_steps: Index) -> Index:
-    """Return the number of each place's run in a mask, small gaps in a touch closed; -1 outside."""
+    """Return the number of each step's run in a mask, closing small gaps; -1 outside."""
     places = np.flatnonzero(mask)
     numbers = np.full(len(mask), -1)
     if len(places):

@@ -3,12 +3,12 @@
 CSV has a line of column names and a line for each contact. Cells are separated by commas,
 semicolons or tabs; with the latter two numbers may have decimal commas. Bodies are named by text;
 `time`, `body0`, `body1`, `position_x` to `_z` and `impulse_x` to `_z` must be there, `dt`,
-`normal_x` to `_z`, `velocity_x` to `_z` and `id` may. Poses stand in the same file: lines that have
+`normal_x` to `_z`, `velocity_x` to `_z` and `id` may. Poses are in the same file: lines that have
 `body` in place of `body0` and `body1`, with `position_x` to `_z` and `rotation_w` to `_z`. Lines
 that begin with # are comments; ``# length: mm`` says in which unit lengths are.
 
 JSON lines has an object a line with the same names, where `position`, `normal`, `impulse`,
-`velocity` and `rotation` are lists; an object with `names` or `length` alone says these.
+`velocity` and `rotation` are lists; an object with only `names` or `length` sets these.
 
 npz has the columns as arrays, `body0` and `body1` as numbers that count the array `names`, and
 poses as `pose_time`, `pose_body`, `pose_position` and `pose_rotation`.
@@ -39,7 +39,7 @@ _ROTATION = ("w", "x", "y", "z")
 _REQUIRED_VECTORS = ("position", "impulse")
 _VECTORS = ("position", "normal", "impulse", "velocity")
 _WIDTHS: Mapping[str, Sequence[str]] = {**dict.fromkeys(_VECTORS, _AXES), "rotation": _ROTATION}
-_IN_METRES = ("position", "velocity")  # what a unit of length changes
+_IN_METRES = ("position", "velocity")  # scaled by the unit of length
 _COLUMNS = ("time", "dt", "body0", "body1", *_VECTORS, "id", "body", "rotation")
 _MAX_NAMES = 5
 _DECIMAL_COMMA = re.compile(r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$")
@@ -61,7 +61,7 @@ def load_contacts(path: str | os.PathLike[str]) -> Contacts:
     Raises
     ------
     FileFormatError
-        On a file that cannot be read or is none of these, with the line that is wrong.
+        On a file that cannot be read or has another format, with the wrong line.
     OptionError
         On numbers that cannot be; see `Contacts`.
     """
@@ -87,7 +87,7 @@ def save_contacts(contacts: Contacts, path: str | os.PathLike[str]) -> None:
     ----------
     contacts : Contacts
     path : path
-        Ending in ``.csv``, ``.jsonl`` or ``.npz``: what is read from any is what was written.
+        Ending in ``.csv``, ``.jsonl`` or ``.npz``; each of them is read as it was written.
 
     Raises
     ------
@@ -211,7 +211,7 @@ class _Table:
         return table
 
     def take_head(self, number: int, line: Mapping[str, Any]) -> None:
-        """Follow a line that says names or the unit of lengths."""
+        """Read the names or the unit of length of a line."""
         for name in line.get("names", ()):
             self.number(str(name))
         unit = line.get("length", "m")
@@ -316,7 +316,7 @@ def _require_columns(columns: Collection[str]) -> None:
 
 
 def _note_unused(columns: Collection[str]) -> tuple[str, ...]:
-    """Return a note of the columns of a log that are none of its own."""
+    """Return a note of the columns of a log that are not used."""
     unknown_columns = sorted({*columns} - {*_COLUMNS})
     text = f"columns that are not used: {', '.join(unknown_columns[:_MAX_NAMES])}"
     remainder = (

@@ -1,8 +1,8 @@
 """Offline rendering: from bodies and their excitations to samples at a listener.
 
-What a body sends to a place is the sum of three parts: plain strikes in closed form, whatever else
-pushes or holds it block by block through resonators, and the attack and noise of a recorded model.
-A bare position hears that as it is. For listeners it is sent, from 1 m or toward each ear, through
+The sound of a body at a place is the sum of three parts: plain strikes in closed form, all other
+pushes and holds block by block through resonators, and the attack and noise of a recorded model. At
+a bare position this is the result. For listeners it is sent, from 1 m or toward each ear, through
 `struck.ears` with its delays, heads and room.
 """
 
@@ -56,8 +56,8 @@ if TYPE_CHECKING:
 
 LONGEST_SOUND = 3600.0  # the largest `seconds`
 _MAX_RATE, _MAX_SAMPLES = 1e6, LONGEST_SOUND * 192_000
-LONGEST_UNSAID = 60.0  # how long a sound of unsaid length waits for what pushes to end, s
-LONGEST_RING = 10.0  # how long it goes on after that at most, s
+LONGEST_UNSAID = 60.0  # s, for which excitations may push if the length is not given
+LONGEST_RING = 10.0  # s, the longest decay after that
 SHORTEST_RING = 0.1  # and at least, s
 _MIN_AUDIBLE_RATIO = 10 ** (
     -40 / 20
@@ -65,7 +65,7 @@ _MIN_AUDIBLE_RATIO = 10 ** (
 _DECAY_NEPERS = np.log(1000)
 _SAMPLED_VERTICES = 200  # vertices at most that show how far a body moves
 _MAX_SHIFT_RATIO = 1e-3  # contacts moved by less than this share of the body are not worth a note
-_MIN_GAIN_RATIO = 1e-9  # of the largest gain: what strikes with less are not heard
+_MIN_GAIN_RATIO = 1e-9  # of the largest gain: strikes with less do not sound
 _BLOCK = 128  # short, since drives go straight from block to block where a contact moves
 _HEARING_BLOCK = 4096
 
@@ -205,7 +205,7 @@ def _bodies(
     if single_body.actions:
         raise OptionError(
             f"the Body has its own excitations ({len(single_body.actions)}), and more are given "
-            "beside it: give all of them in one of the two places"
+            "besides: give all of them in one of the two places"
         )
     return (replace(single_body, excitations=excitations),)
 
@@ -221,7 +221,7 @@ def _require_excited(bodies: Sequence[Body]) -> None:
 
 
 def _note_outrun(ears: Listener) -> tuple[str, ...]:
-    """Return a note of a table of places between which a listener outruns the sound."""
+    """Return a note if a listener moves faster than sound between its places."""
     course = Trajectory.of("position", (0, 0, 0) if ears.position is None else ears.position)
     distances = np.linalg.norm(np.diff(course.points, axis=0), axis=1)
     max_speed = np.max(distances / np.diff(course.times), initial=0.0)
@@ -419,7 +419,7 @@ def _ringing_time(decays: Array, strengths: Array) -> float:
 
 
 def _note_dropped_modes(model: ModalModel, sample_rate: int) -> tuple[str, ...]:
-    """Return a note of how many modes are not heard, where any is not or none is there."""
+    """Return a note of the number of modes left out, or of a model without modes."""
     is_below_nyquist = below_nyquist(model.frequencies, sample_rate)
     if not len(is_below_nyquist):
         lacking = f"no modes up to {_hertz(model.complete_to)}" if model.complete_to else "no modes"
@@ -453,12 +453,12 @@ class DrivenBody:
     """A body that is pushed, and perhaps held, block after block."""
 
     model: ModalModel
-    outputs: Complex  # (points, M), recoil after the modes: what is heard
+    outputs: Complex  # (points, M), output gains, recoil after the modes
     actions: Sequence[Action]
     sample_rate: int  # Hz
     moving: Callable[[float], Complex] | None = None  # outputs at a time, s, where they change
-    # Of thousands of strikes few push in one block, and these alone are asked: what waits with its
-    # first sample and its voice, the last first, and what pushes by its voice.
+    # Few of thousands of strikes push in one block, and only these are advanced: waiting ones with
+    # first sample and voice, the last first, and pushing ones by voice.
     _waiting: list[tuple[int, int, Pushing]] = field(init=False)
     _pushings: dict[int, Pushing] = field(init=False, default_factory=dict)
     _unheard_times: dict[int, float] = field(
@@ -500,7 +500,7 @@ class DrivenBody:
             for voice, excitation in enumerate(excitations)
             if hasattr(excitation, "path")
         }
-        # Of an ideal impulse, which many blows of recordings are, nothing is steady.
+        # An ideal impulse, as many blows of recordings are, has no steady part.
         self._ideal = {n for n, e in enumerate(excitations) if _is_ideal(e, self.model)}
         self._decay_rises = [hold.raised(self.model) for hold in self._holds]
         self._active_holds: tuple[bool, ...] = (False,) * len(self._holds)
@@ -591,8 +591,8 @@ class DrivenBody:
             return round(max(min_seconds, time + ring_seconds) * self.sample_rate)
         if time > LONGEST_UNSAID:
             raise OptionError(
-                f"what pushes has not ended after {LONGEST_UNSAID:g} s: say how long the sound "
-                "shall be with seconds="
+                f"an excitation has not ended after {LONGEST_UNSAID:g} s: give the length of the "
+                "sound with seconds="
             )
         return None
 
@@ -696,7 +696,7 @@ def _send_sound(
 ) -> tuple[Array, tuple[str, ...]]:
     """Return a body's sound (rows, n) at 1 m, or at its listeners without travel times.
 
-    `seen` tells these places in its own coordinates at a time of sending, s.
+    `place_function` returns these places in body coordinates at a time of sending, s.
     """
     model = body.sounding
     if not body.actions:

@@ -1,4 +1,4 @@
-"""Stems: the sound of each body of a scene by itself, in files that add up to the whole."""
+"""Stems: the separate sound of each body of a scene, in files that add up to the mix."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def save_stems(scene: Scene, path: Path, *, factor: float, **options: Any) -> li
     """Write one file with the sound of each excited body next to that of all; return the paths.
 
     `factor` is what the samples of all, in the file at `path`, were multiplied by; so are those of
-    stems, which fade out together if what they add up to is cut off. `heard` are the options of
+    stems, which fade out together if what they add up to is cut off. `options` are those of
     `render`.
     """
     fade = options.pop("fade", None)

@@ -1,10 +1,10 @@
 """Sustained contact: two bodies that slide or roll on each other, as one force on both.
 
-A load that lasts is silent; what sounds is the roughness that passes under it. How fast it passes
-is asked of each body apart, for a box that slides over a floor stands still on itself and sweeps
-the floor: the roughness of the floor is read at the speed of the box, that of the box not at all.
-Where a wheel rolls, both are read at the same speed. What both squeeze the dent by adds up to one
-force, which pushes the two bodies with opposite sign, each at its own place.
+A lasting load is silent; the roughness that passes under it sounds. The speed is computed for each
+body separately: the contact of a box that slides over a floor rests on the box and sweeps the
+floor, so that the roughness of the floor is read at the speed of the box, that of the box not at
+all. Where a wheel rolls, both are read at the same speed. The compressions of the dent by both add
+up to one force, which pushes the two bodies with opposite sign, each at its own place.
 
 The speed of sweeping is how fast the points of contact move in a body's own coordinates. A
 simulation moves its load from point to point as it likes, so only points that are there in both of
@@ -51,7 +51,7 @@ _TIP_RADIUS = 5e-3  # m, radius of the bumps on which flat things touch
 _ROLLING_RATIO = (
     0.5  # of the faster sweep: where the slower one is as fast as that, something rolls
 )
-_SAME_DISTANCE = 1e-6  # of a body's extent: points as near as that are the same
+_SAME_DISTANCE = 1e-6  # m, or of a unit vector: smaller steps count as none
 _GROUPS = {
     "metal": "steel",
     "glass": "glass",
@@ -70,20 +70,24 @@ class SustainedContact:
 
     Parameters
     ----------
-    first, second : int
-        Numbers of the bodies; the load pushes the second one.
+    first : int
+        Number of the body that the load pushes against its direction.
+    second : int
+        Number of the body that the load pushes.
     times : array (S,)
         Evenly spaced, s.
     load : array (S,)
         N.
-    normals, points : pairs of arrays (S, 3)
-        Direction of the load and place of the contact in the coordinates of each body, m.
+    normals : pair of arrays (S, 3)
+        Direction of the load in the coordinates of each body.
+    points : pair of arrays (S, 3)
+        Position of the contact in the coordinates of each body, m.
     sweeps : pair of arrays (S, 3)
         How fast the contact moves over each body, in its coordinates, m/s.
-    surfaces : pair of Rubbed
-        Roughness of each body, with the spring that both make.
+    surfaces : pair of SlidingContact
+        Roughness of each body, with the stiffness of the contact.
     begins : pair of arrays (3,), or None
-        Where on the roughness of each body it begins, m; where its points are unless given.
+        Start on the roughness of each body, m. Default: its first points.
     """
 
     first: int
@@ -118,14 +122,14 @@ class SustainedContact:
 
     @property
     def rolls(self) -> bool:
-        """Whether the contact moves over both bodies about alike, as that of a wheel does."""
+        """Whether the contact moves at similar speeds over both bodies, as that of a wheel does."""
         return _rolling(self.sweeps)
 
     @property
     def surface_paths(self) -> Sequence[Array]:
-        """Where on the roughness of each body it is, m (S, 3).
+        """Path of the contact on the roughness of each body, m (S, 3).
 
-        The way is that of the sweep: it leaps with no load that changes its point.
+        It is the integral of the sweep, without leaps of the load from point to point.
         """
         start_points = [points[0] for points in self.points] if self.begins is None else self.begins
         gaps = np.diff(self.times)[:, None]
@@ -228,7 +232,7 @@ class Rub:
     points : array (S, 3)
         On the body's surface, m.
     directions : array (S, 3)
-        Unit vectors along which the force pushes, in the body's coordinates.
+        Unit vectors of the force, in the body's coordinates.
     seed : int
         Where on their roughness the two begin.
     """
@@ -261,7 +265,7 @@ class Playing:
         return self._first
 
     def resume(self, sample: int) -> None:
-        """Go on in the block that begins at this sample."""
+        """Continue in the block that begins at this sample."""
         self._next_sample = sample
 
     def advance(self, length: int) -> Push | None:
@@ -499,7 +503,7 @@ def _rolling(sweeps: Sequence[Array]) -> bool:
 
 
 def _make_surfaces(bodies: Sequence[Body], sweeps: Sequence[Array]) -> Sequence[SlidingContact]:
-    """Return the roughness of each body as a sliding tip or a rolling body feels it."""
+    """Return the sliding contact of each body, for a sliding tip or a rolling body."""
     body_materials = [material_of(body.model) for body in bodies]
     solids = [material for material in body_materials if material is not None]
     extents = [b.model.geometry.extent for b in bodies if b.model.geometry is not None]

@@ -1,18 +1,18 @@
 """Contacts of a trajectory: impulses found where the motion of bodies has a kink.
 
-An animation tells where bodies are, frame by frame, and nothing of what they touch. But a body that
-nothing touches flies on a parabola; where it is hit, its speed leaps by the impulse over its mass.
-With the fall taken off, flights are straight lines, and a hit between two frames bends the second
+An animation contains the poses of bodies, frame by frame, and no contacts. But a body without
+contact flies on a parabola; where it is hit, its speed leaps by the impulse over its mass. With the
+fall taken off, flights are straight lines, and a hit between two frames bends the second
 differences D of the place at these two frames alone:
 
     D[k] + D[k+1] = h dv,    t = t[k+1] - h D[k] / (D[k] + D[k+1])
 
 where h is the time between frames, dv the leap and t the time of the hit. Where flights on both
 sides are long enough, both are extrapolated to where they meet, which also holds for a body that
-rolls, swings or rests before or after. What touched it is what is nearest at that time, and where
-it gives way too, it must have leapt the other way.
+rolls, swings or rests before or after. It was hit by the nearest body at that time; if that one is
+free to move, its velocity must have leapt the other way.
 
-What carries a body for longer bends all second differences: that is a load, and told as rows of the
+A body that carries it for longer bends all second differences: that is a load, in rows of the
 length of a frame.
 """
 
@@ -38,15 +38,15 @@ from struck.scene.contacts import Contacts, Poses
 from struck.scene.events import seen_from
 
 _MIN_LEAP = 0.02  # m/s, the least leap of speed that is a hit
-_LEAP_RATIO = 0.01  # of the fastest motion: smaller leaps are not told from errors of the frames
+_LEAP_RATIO = 0.01  # of the fastest motion: smaller leaps may be errors of the frames
 _NEAR_RATIO = 0.03  # of the smaller body's extent: bodies as near as that may touch
 _NEAR_DISTANCE = 5e-3  # m, or as near as that
 _SLACK_DISTANCE = 0.02  # m, beyond that
 _TIE_DISTANCE = 1e-3  # m: places whose distances differ by less touch together
 _CARRIED_RATIO = 0.2  # of gravity: with less a body flies
-_MAX_MISMATCH = 0.5  # share by which the leaps of two bodies may miss each other
-_MAX_FRAME_SHIFT = 0.25  # frames, that a hit may lie beside those it was found between
-_MEDIAN_FRAMES = 9  # frames, over which the median is a load: what hits is shorter
+_MAX_MISMATCH = 0.5  # relative imbalance allowed between the leaps of two bodies
+_MAX_FRAME_SHIFT = 0.25  # frames, by which a hit may lie outside those around it
+_MEDIAN_FRAMES = 9  # frames, over which the median is a load: hits are shorter
 _BEND_WEIGHT = 1e-3  # of what two frames bend aside, by which a pair of them is the worse
 _OPPOSITE_COSINE = 0.7  # cosine of what is against a load
 _ROUNDS = 12  # of projection from one surface to the other
@@ -101,7 +101,7 @@ class _Leap:
 
 @checked
 def infer_contacts(scene: Scene, motion: Contacts) -> Contacts:
-    """Find the contacts of bodies of which only the motion is known.
+    """Estimate the contacts of bodies from their motion.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def infer_contacts(scene: Scene, motion: Contacts) -> Contacts:
     -------
     Contacts
         A row without duration for each hit, and rows of a frame's length where bodies are carried;
-        `notes` tell of leaps for which nothing was near.
+        `notes` count leaps without a near body.
 
     Raises
     ------
@@ -124,8 +124,8 @@ def infer_contacts(scene: Scene, motion: Contacts) -> Contacts:
 
     Notes
     -----
-    Of hits at least three frames apart the impulse is found as well as the frames are exact; what
-    comes closer is told in sum. The friction of a contact that lasts is part of its load.
+    The impulses of hits at least three frames apart are as exact as the frames; closer hits are
+    summed. The friction of a contact that lasts is part of its load.
     """
     if motion.poses is None:
         raise OptionError("the log has no poses: give some, as load_animation reads them")
@@ -183,7 +183,7 @@ def load_animation(path: str | os.PathLike[str]) -> Contacts:
 
 
 def _flights(scene: Scene, motion: Contacts) -> Sequence[_Flight]:
-    """Return the bodies that move and give way."""
+    """Return the flights of bodies that move freely."""
     flights, gravity = [], np.asarray(scene.gravity)
     for number, name in enumerate(motion.names):
         body = scene.bodies[name]
@@ -211,7 +211,7 @@ def _flights(scene: Scene, motion: Contacts) -> Sequence[_Flight]:
     return flights
 
 
-_MIN_FRAMES = 8  # the fewest of which anything can be said
+_MIN_FRAMES = 8  # of a flight
 
 
 def _centre(body: Body) -> Array:
@@ -245,10 +245,10 @@ def _leaps(flight: _Flight) -> tuple[Sequence[_Leap], Array]:
 def _find_hits(excess: Array, base: Array, threshold: float) -> list[int]:
     """Return the frames after which a body is hit.
 
-    Of all ways to part frames into pairs with a hit between them and single ones without, that
-    which leaves the least: of single frames all that they bend beyond a load, `least` for each
-    pair, and a little of what it bends in two directions, as two hits do. What bears a body does
-    not pull it: where a load is less for a while there is no hit.
+    Frames are divided into pairs with a hit between them and single frames without, at the least
+    cost: the bend of single frames beyond a load, `threshold` for each pair, and a little of the
+    bend of a pair in two directions, as of two hits. A support does not pull a body: a load that is
+    less for a while is no hit.
     """
     single_costs = np.linalg.norm(excess, axis=1)
     sums, loads = excess[:-1] + excess[1:], base[:-1] + base[1:]
@@ -284,7 +284,7 @@ def _compute_second_differences(centre: Array) -> Array:
 
 
 def _refine_leap(flight: _Flight, k: int, change: Array, time: float, others: set[int]) -> _Leap:
-    """Return a leap as the flights before and after meet, where both are three frames long."""
+    """Return a leap where the flights before and after meet, if both are three frames long."""
     frame, start = flight.frame, flight.times[k]
     if 2 <= k < len(flight.times) - 3 and not others & {k - 2, k - 1, k + 1, k + 2}:
         first_parabola = _parabola(flight.centre[k - 2 : k + 1], -2)
@@ -344,7 +344,7 @@ def _explain_leap(
 ) -> tuple[_Contact, _Leap | None] | None:
     """Return the contact that explains a leap best, and the leap that answers it, if any."""
     impulse = leap.flight.mass * leap.change
-    # Of several hits between two frames one is found, farther from where the bodies met.
+    # Several hits between two frames give one leap, farther from the contact.
     slack = max(_SLACK_DISTANCE, float(np.linalg.norm(leap.change)) * leap.flight.frame)
     choices = []
     for number, name in enumerate(names):
@@ -496,7 +496,7 @@ def _bearer(
     last: tuple[int, Array] | None,
     slack: float,
 ) -> tuple[int, Array] | None:
-    """Return which body carries another in a frame, the last one first asked, and where."""
+    """Return the body that carries another in a frame, the last one tried first, and the place."""
     time = float(flight.times[k])
     order = ([last[0]] if last else []) + [n for n in range(len(names)) if not last or n != last[0]]
     for number in order:

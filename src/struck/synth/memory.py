@@ -133,7 +133,7 @@ def rows_for(points: int) -> int:
 def lay_out(
     counts: tuple[int, ...], *, points: int, voices: int, block: int
 ) -> tuple[Array, Index]:
-    """Return real and whole numbers for bodies of these numbers of modes, zero but for sizes."""
+    """Return real and whole numbers for bodies of `counts` modes: sizes, all others 0."""
     padded_counts = [_lines(count) for count in counts]
     sizes = (
         len(counts),

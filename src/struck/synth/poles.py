@@ -102,7 +102,7 @@ class Poles:
             )
 
     def require_same(self, changed_poles: Poles) -> None:
-        """Check that a body can go on with other poles: as many modes, and recoil as before."""
+        """Check that a body can continue with other poles: as many modes, and recoil as before."""
         self.require_size(changed_poles.values[: changed_poles.modes], "the changed model")
         if len(changed_poles.values) != len(self.values):
             raise OptionError(
@@ -157,7 +157,7 @@ def require_pushes(
     last: Mapping[Key, tuple[Array, Array]],
 ) -> dict[Key, tuple[Array, Array]]:
     """Return force and drive by body and voice; OptionError on bad ones."""
-    # A drive that is the very array of the `last` block need not be looked at again.
+    # A drive that is the very array of the `last` block is not checked again.
     drives: dict[Key, Array] = {}
     new_drives = []
     for push in pushes:

@@ -25,7 +25,7 @@ class Tabled:
         self._ramp = np.arange(1, block + 1) / block
         self._begin(poles)
         self._last_steady_states = self._steady_states
-        # z c: what the first sample of the next block finds.
+        # z c: the states at the first sample of the next block.
         self._next_states = np.zeros(len(poles.values), np.complex128)
 
     @property
@@ -47,7 +47,7 @@ class Tabled:
         self._steady_states = held_states(self._logs, self._rate)
 
     def next_block(self, pieces: Sequence[Piece], new_outputs: Complex | None) -> Array:
-        """Return the next samples (points, block), with the outputs wanted at its end."""
+        """Return the next samples (points, block), with the given outputs at its end."""
         start_outputs, end_outputs = (
             self.outputs,
             self.outputs if new_outputs is None else new_outputs,

@@ -50,7 +50,7 @@ class Stepped:
         self._slots: dict[Key, int] = {}
         self._drives: dict[Key, Array] = {}
         self._free = list(range(voices))
-        # Arguments of the core: what takes an address costs no check in every block.
+        # Arguments of the core: addresses need no check in every block.
         self._places = self._reals.ctypes.data, self._wholes.ctypes.data
         core = (compiled(f"bank_{name}") for name in ("make_block", "settle", "refresh", "stand"))
         self._make_block, self._settle, self._refresh, self._stand = core
@@ -167,10 +167,10 @@ class Resonators:
 
     Notes
     -----
-    A mode with pole s is c[k] = exp(s / rate) c[k-1] + drive F[k] / rate. What is heard is
-    Im[sum of output c[k]] less what a constant force would end in: a body that only bends under a
-    steady load is silent. Gains go linearly, sample by sample, from those of the last block's end
-    to those given.
+    A mode with pole s is c[k] = exp(s / rate) c[k-1] + drive F[k] / rate. The output is
+    Im[sum of output c[k]] less the steady response to a constant force: a body that only bends
+    under a steady load is silent. Gains change linearly, sample by sample, from those of the last
+    block's end to those given.
     """
 
     def __init__(
@@ -224,7 +224,7 @@ class Resonators:
         ----------
         pushes : sequence of Push
             Forces (block,), N, and drives (M,) at the end of the block. A body's voice that was
-            there in the last block goes on from its last drive.
+            there in the last block continues from its last drive.
         outputs : sequence of array (points, M), complex, or None
             For each body its gains at the end of the block; None, or none at all: as they were.
             Those of the first block hold from its start; without them a body is silent.
@@ -248,7 +248,7 @@ class Resonators:
 
     @checked
     def change(self, body: int, model: Ringing) -> None:
-        """Let a body go on with other frequencies and decays, from the states that it has.
+        """Change a body's frequencies and decays; its states stay.
 
         Modes that pass half the sample rate fall silent; they come back, at rest, with lower
         frequencies.

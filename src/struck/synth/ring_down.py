@@ -6,9 +6,9 @@ Im[g exp(s t)]. A half-sine push of duration T and unit area gives, with w = pi 
     c(t) = (w / 2) * integral from 0 to t of sin(w u) exp(s (t - u)) du    while it lasts,
     c(T) exp(s (t - T))                                                    afterwards.
 
-What radiates is motion, not bending: a body that merely follows a slow push is silent. So what is
-heard is Im[g c'(t) / s], with c' = s c + F under the force F. Once the push is over that is
-Im[g c(t)], as before.
+Motion radiates, bending does not: a body that merely follows a slow push is silent. The sound is
+therefore Im[g c'(t) / s], with c' = s c + F under the force F. Once the push is over that is Im[g
+c(t)], as before.
 """
 
 from __future__ import annotations

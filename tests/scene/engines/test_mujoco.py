@@ -244,7 +244,7 @@ def test_options_that_change_nothing_are_told_or_refused(tmp_path: Path) -> None
     path = written(tmp_path, FLOOR.format(3) + body)
     made = {"materials": {"b": "lead"}, "accuracy": "preview", "damping": "heard"}
     notes = Simulation(path, **made).notes
-    assert "lead has no set 'heard': it rings by its own damping" in notes
+    assert "lead has no set 'heard': it rings with its default damping" in notes
     assert any(
         note.startswith("convex='hull' changes nothing")
         for note in Simulation(path, convex="hull").notes

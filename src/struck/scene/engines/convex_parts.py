@@ -1,4 +1,4 @@
-"""Convex parts of a hollow or bent mesh, so that it collides as it looks.
+"""Convex parts of a hollow or bent mesh, by which it collides.
 
 Engines take the convex hull of a mesh: a bowl would be a lid. CoACD (Wei et al., ACM Transactions
 on Graphics 41(4), 2022) cuts it into pieces whose hulls are close to it. Hulls of thin walls are
@@ -104,7 +104,7 @@ def cut(spec: mujoco.MjSpec, model: mujoco.MjModel, stages: Stages) -> list[str]
 
 
 def _replace(spec: mujoco.MjSpec, original_geom: mujoco.MjsGeom, parts: Sequence[Mesh]) -> None:
-    """Add parts that collide in place of a geom, which goes on to be seen and to weigh."""
+    """Add parts that collide in place of a geom, which stays visible and keeps its mass."""
     for number, part in enumerate(parts):
         name = f"{original_geom.name}{PART}{number}"
         points, faces = part.points.ravel(), part.faces.ravel()

@@ -38,7 +38,7 @@ _SEPARATION_SPEED = 0.5  # m/s that bodies may be pushed apart with that begin i
 def require_slow(
     time: float, velocities: Array, positions: Array, *, has_warning: bool = False
 ) -> None:
-    """Refuse bodies faster or farther away than any are, or of which the engine warned.
+    """Refuse impossibly fast or distant bodies, or a state that the engine warned of.
 
     Raises
     ------
@@ -58,8 +58,8 @@ def require_slow(
 def require_no_blast(contacts: Contacts, masses: Array) -> None:
     """Refuse a log in which a free body gains far more speed than contacts can give.
 
-    `masses` (bodies,), kg, are infinite of all that is not free. A SimulationError tells the first
-    moment of it, the body and the speeds.
+    `masses` (bodies,), kg, are infinite for bodies that are not free. The SimulationError gives the
+    first such time, the body and the speeds.
     """
     if not len(contacts) or contacts.velocity is None:
         return

@@ -1,7 +1,7 @@
 """Links of a MuJoCo model: which geoms move as one rigid body, and which shape of them sounds.
 
 MuJoCo's bodies that are welded together are one link. What is fixed to the world is one for each of
-its bodies, and one for each geom that stands in the world by itself: a floor and a shelf do not
+its bodies, and one for each geom that is attached to the world directly: a floor and a shelf do not
 ring together.
 """
 
@@ -77,7 +77,7 @@ class Link:
 
 
 def links_of(model: mujoco.MjModel) -> list[Link]:
-    """Return all links of a model that have a geom, each with a name of its own."""
+    """Return all links of a model that have a geom, each with a different name."""
     groups: dict[tuple[bool, int], list[int]] = {}
     for geom in range(model.ngeom):
         groups.setdefault(_group(model, geom), []).append(geom)
@@ -180,7 +180,7 @@ def _body_mass(model: mujoco.MjModel, body: int, frame: int) -> MassProperties:
 
 
 def touches(model: mujoco.MjModel, geom: int) -> bool:
-    """Return whether a geom takes part in contacts, by its masks or a pair of its own."""
+    """Return whether a geom takes part in contacts, by its masks or by a pair that names it."""
     collision_bits = model.geom_contype[geom] or model.geom_conaffinity[geom]
     return bool(collision_bits or (geom in model.pair_geom1) or (geom in model.pair_geom2))
 
@@ -228,7 +228,7 @@ def _placement(offset: Array, quaternion: Array) -> Placement:
 def _shape(
     model: mujoco.MjModel, geoms: Sequence[int], placements: Sequence[Placement]
 ) -> tuple[Shape | None, Placement, str]:
-    """Return the shape that sounds, its placement in the frame, and the reason if there is none."""
+    """Return the shape that sounds, its placement in the frame, and the reason if it is silent."""
     identity = Placement(offset=np.zeros(3), rotation=Rotation.identity())
     kinds = {int(model.geom_type[geom]) for geom in geoms}
     for kind, reason in _SILENT.items():

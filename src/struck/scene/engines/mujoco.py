@@ -39,7 +39,7 @@ class MujocoRecorder:
     ----------
     model : mujoco.MjModel
     links : sequence of Link, optional
-        The bodies that are logged; all that can touch, unless given.
+        The bodies that are logged. Default: all bodies with a geom.
 
     Examples
     --------
@@ -84,7 +84,7 @@ class MujocoRecorder:
         SimulationError
             When the simulation has exploded.
         OptionError
-            When time does not go on, as after a reset: use a new recorder.
+            If time does not advance, as after a reset: use a new recorder.
         """
         time = data.time - self._model.opt.timestep
         self._require_sane(data, time)
@@ -113,7 +113,7 @@ class MujocoRecorder:
         self._log.pose(time, positions, rotations)
 
     def contacts(self, *, forget: bool = False) -> Contacts:
-        """Return the log so far; or since it was asked to forget all that it had returned."""
+        """Return the log so far, or since the last call with `forget`."""
         return self._log.contacts(self._notes(), forget=forget)
 
     def scene(self, **sounds: Any) -> tuple[Scene, Contacts]:  # noqa: ANN401 - of `SoundOptions`
@@ -177,7 +177,7 @@ class MujocoRecorder:
         is_loaded = forces[:, :3].any(axis=1)
         is_rigid = (geoms >= 0).all(axis=1)
         self._flexible_count += int(np.count_nonzero(is_loaded & ~is_rigid))
-        # What is welded together, or the world with itself, is no pair.
+        # Geoms that are welded together, or both of the world, are no pair.
         pair = self._owners[np.maximum(geoms, 0)]
         rows = np.flatnonzero(is_loaded & is_rigid & (pair[:, 0] != pair[:, 1]))
         if not len(rows):
@@ -246,13 +246,13 @@ class MujocoEngine:
         return float(self.data.time)
 
     def contacts(self, *, forget: bool = False) -> Contacts:
-        """Return the log so far; or since it was asked to forget all that it had returned."""
+        """Return the log so far, or since the last call with `forget`."""
         return self.recorder.contacts(forget=forget)
 
 
 def _speed(model: mujoco.MjModel, data: mujoco.MjData, bodies: Index, points: Array) -> Array:
     """Return the velocities of points of bodies, m/s (K, 3)."""
-    # MuJoCo keeps a body's velocity as if it moved with the centre of its tree.
+    # MuJoCo gives a body's velocity at the centre of mass of its tree.
     velocities = data.cvel[bodies]
     arms = points - data.subtree_com[model.body_rootid[bodies]]
     return velocities[:, 3:] + np.cross(velocities[:, :3], arms)

@@ -1,7 +1,7 @@
 """Rapier: the bodies of a scene file moved by another engine, with the same log.
 
-MuJoCo reads the file; its free and fixed bodies and their shapes go to Rapier (rapier3d 0.36). Of
-each point of contact Rapier tells the impulse of the last step along the normal and two tangents.
+MuJoCo reads the file; its free and fixed bodies and their shapes go to Rapier (rapier3d 0.36). For
+each point of contact Rapier gives the impulse of the last step along the normal and two tangents.
 Points that have left the solver keep stale impulses: only those it names as solver contacts count.
 The tangents are those of its solver with the friction model of Coulomb: Duff et al., "Building an
 orthonormal basis, revisited" (Journal of Computer Graphics Techniques 6(1), 2017).
@@ -75,7 +75,7 @@ class RapierEngine:
             self._log.pose(start, state[0], state[1])
 
     def contacts(self, *, forget: bool = False) -> Contacts:
-        """Return the log so far; or since it was asked to forget all that it had returned."""
+        """Return the log so far, or since the last call with `forget`."""
         return self._log.contacts(forget=forget)
 
     def velocity(self, name: str) -> Array:
@@ -163,7 +163,7 @@ class RapierEngine:
         return [placed_collider]
 
     def modify_solver_contacts(self, context: Any) -> None:  # noqa: ANN401 - Rapier calls it
-        """Give two bodies the restitution and friction that were said of them."""
+        """Set the restitution and friction of two bodies, if the options give them."""
         pair = context.rigid_body1, context.rigid_body2
         if pair not in self._pair_laws:
             name_a, name_b = (self._links[self._numbers[body]].name for body in pair)
@@ -202,7 +202,7 @@ class RapierEngine:
             return False
         table = np.array(rows)
         bodies = table[:, :2].astype(np.int64)
-        # Rapier tells where points are when the step has ended: back to where they were before.
+        # Rapier gives points at the end of the step: they are moved back to its start.
         end_state = self._state()
         sides = [
             _carried_back(table[:, 2 + 3 * side : 5 + 3 * side], bodies[:, side], state, end_state)

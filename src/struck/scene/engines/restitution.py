@@ -1,4 +1,4 @@
-"""Restitution: how fast two bodies part, as a share of how fast they met.
+"""Restitution: the speed at which two bodies part over that at which they met.
 
 By Newton's law of impact v+ = -e v-. MuJoCo has no such number: its contacts are springs with
 dashpots, whose reference acceleration is -b v - k r for a depth r that grows at v. With
@@ -32,13 +32,16 @@ if TYPE_CHECKING:
     import mujoco
     from typing_extensions import TypeIs
 
-# Of a pair of bodies by patterns of their names, of all pairs, or "materials".
+# One value for all pairs, one for each pair of patterns of names, or "materials".
 PairValues = float | str | Mapping[tuple[str, str], float]
 IMPEDANCE = (0.99, 0.99, 0.001, 0.5, 2.0)  # nearly rigid: the law is followed to 1 %
 _RECOVERY_SECONDS = 0.1  # s: in which a body that rests too deep comes up
-_TARGET_ERROR, _MAX_ERROR = 0.002, 0.02  # to the restitution asked for: tried for, and accepted
+_TARGET_ERROR, _MAX_ERROR = (
+    0.002,
+    0.02,
+)  # difference from the target restitution: sought, and accepted
 _MAX_TRIALS = 6
-_MAX_PAIRS = 20_000  # of geoms, that have a law of their own
+_MAX_PAIRS = 20_000  # of geoms with a separate law
 _MIN_FRICTION = 1e-5  # of MuJoCo's friction
 _IMPACT_SPEED = 1.0  # m/s, of the ball that rebounds
 
@@ -139,8 +142,8 @@ def pair_value(
 def restitution_between(first: Material, second: Material) -> float:
     """Return the restitution of two materials, the softer of which counts most (Hodgkinson 1834).
 
-    e = (e1 E2 + e2 E1) / (E1 + E2) of the values of each on its own kind, which stand in
-    ``restitution.toml`` by material or by group.
+    e = (e1 E2 + e2 E1) / (E1 + E2) of the values of each against the same material, which
+    ``restitution.toml`` lists by material or by group.
     """
     weight = first.youngs_modulus / (first.youngs_modulus + second.youngs_modulus)
     first_value, second_value = (_entry(material, "restitution") for material in (first, second))
@@ -296,7 +299,7 @@ def _pair(
     law: ContactLaw | None,
     friction: float | None,
 ) -> None:
-    """Give two geoms a law of their own, all else as MuJoCo would mix it of theirs."""
+    """Give two geoms a separate law; all else is mixed from theirs as MuJoCo does."""
     names = [model.geom(geom).name for geom in geoms]
     pair = pair_specs.get((names[0], names[1])) or pair_specs.get((names[1], names[0]))
     if pair is None:

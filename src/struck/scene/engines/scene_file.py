@@ -1,9 +1,9 @@
 """Scene files, MJCF and URDF, as people have them, read into MuJoCo's specification of a model.
 
-MuJoCo's own reader opens whatever path a file names, discards what is only seen, and looks for
-ROS packages nowhere. So the text is first made to stand by itself: files that it includes are put
-in their place, and each mesh is handed over as bytes, if it lies in the folder that was given. The
-same holds for models that a file attaches: they are read here, and joined by MuJoCo's own `attach`.
+MuJoCo's own reader opens whatever path a file names, discards what is only seen, and looks for ROS
+packages nowhere. So the text is first made independent of other files: files that it includes are
+inserted, and each mesh is passed as bytes, if it lies in the given folder. The same holds for
+models that a file attaches: they are read here, and joined by MuJoCo's own `attach`.
 """
 
 # MuJoCo is compiled, and has no stubs.
@@ -48,7 +48,7 @@ _NAMES = re.compile(r"[^\w.-]+")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Attachment:
-    """A place of a scene to which a body of another model, or all of that model, is attached."""
+    """A frame of a scene to which a body of another model, or all of that model, is attached."""
 
     model: SceneFile
     name: str  # of the model
@@ -63,7 +63,7 @@ class SceneFile:
     root: ET.Element
     folder: Path  # nothing outside it is read
     assets: dict[str, bytes] = field(default_factory=dict)  # shared with the models it attaches
-    notes: list[str] = field(default_factory=list)  # what was left out
+    notes: list[str] = field(default_factory=list)  # on omitted parts
     attachments: list[_Attachment] = field(default_factory=list)
     attachment_count: int = (
         0  # number of models that are attached, those of the attached ones as well
@@ -72,7 +72,7 @@ class SceneFile:
 
     @classmethod
     def of(cls, path: str | os.PathLike[str], folder: str | os.PathLike[str] | None) -> SceneFile:
-        """Read a scene file and the files it includes, none of them outside its folder."""
+        """Read a scene file and the files it includes, all of them inside its folder."""
         place = Path(path)
         home = real(place.parent if folder is None else folder)
         if not real(place).is_relative_to(home):
@@ -324,7 +324,7 @@ class SceneFile:
 
 
 def mujoco_itself():  # noqa: ANN201 - a module
-    """Return MuJoCo, or say how it is installed."""
+    """Return MuJoCo; MissingDependencyError without it."""
     try:
         with safe_children():  # glfw, which it imports, asks its library's version of another one
             import mujoco

@@ -37,9 +37,9 @@ if TYPE_CHECKING:
     from struck.scene.engines.rapier import RapierEngine
 
 ENGINES = ("mujoco", "rapier")
-_DENSITY = 1000.0  # kg/m^3, that MuJoCo takes where nothing is said
+_DENSITY = 1000.0  # kg/m^3, MuJoCo's default
 _MAX_SECONDS = 3600.0  # s
-_PROGRESS_STEPS = 50  # steps between two words of progress
+_PROGRESS_STEPS = 50  # steps between two reports of progress
 
 
 def require_seconds(seconds: float, ring: float = 0.0) -> None:
@@ -58,8 +58,8 @@ class Simulation:
     file : path
         A model of MuJoCo (MJCF) or a robot (URDF).
     materials : str, Material or mapping, optional
-        Of all bodies, or by patterns of their names, as in ``{"mug*": "ceramic"}``; where nothing
-        is said, the file's own material of that name. Bodies without one are silent.
+        Of all bodies, or by patterns of their names, as in ``{"mug*": "ceramic"}``; by default, the
+        file's material of that name. Bodies without one are silent.
     models : mapping, optional
         By patterns: the ModalModel, ``.struck`` file, solid, shape or mesh file that sounds in
         place of the file's shape, in that shape's coordinates.
@@ -76,15 +76,15 @@ class Simulation:
         ``{("ball", "floor*"): 0.8}``; it replaces the file's solver settings of contacts, which
         stay as they are otherwise.
     friction : float, "materials" or mapping, optional
-        Likewise; the file's own unless given.
+        Likewise. Default: that of the file.
     engine : str
         "mujoco", or "rapier" for scenes of free and fixed bodies.
     step : float, optional
-        s; the file's own unless given.
+        s. Default: that of the file.
     keyframe : str, optional
-        From where the simulation starts.
+        Name of the keyframe at which the simulation starts. Default: the initial state.
     folder : path, optional
-        Which holds all files that the scene names; that of the file unless given.
+        Folder with all files that the scene names. Default: that of the file.
     convex : str
         "parts": concave meshes collide as the convex parts that they are cut into; "hull": as their
         convex hulls.
@@ -94,7 +94,7 @@ class Simulation:
     Attributes
     ----------
     model : mujoco.MjModel
-        What the engine runs, for a loop of one's own with `MujocoRecorder`.
+        The compiled model, for a separate loop with `MujocoRecorder`.
     scene : Scene
         Its bodies where they start.
     notes : tuple of str
@@ -105,7 +105,7 @@ class Simulation:
     FileFormatError
         On a file that cannot be read, or one that lies outside the folder.
     SimulationError
-        Where the engine refuses the scene, with its own words, or bodies start in each other.
+        If the engine refuses the scene, with its message, or bodies start in each other.
     OptionError
         On arguments outside their bounds, or patterns that fit no body.
     MissingDependencyError
@@ -154,7 +154,7 @@ class Simulation:
         friction: PairValues | None,
     ) -> None:
         """Check the scene, analyze its bodies, and give the engine masses, hulls and laws."""
-        # All that can be wrong without a mode is found before the first one is computed.
+        # All checks that need no mode come before the first mode is computed.
         model = _compile(spec)
         links = links_of(model)
         materials = self._sources.prepare(links)
@@ -206,14 +206,14 @@ class Simulation:
         control : callable, optional
             ``control(model, data)`` before each step, as MuJoCo's own; not with Rapier.
         progress : callable
-            Told the stage and the fraction of it that is done.
+            Called with the stage and the fraction of it that is done.
 
         Returns
         -------
         scene : Scene
             Its bodies as they move.
         contacts : Contacts
-            The log; its notes tell what was noticed.
+            The log, with notes.
 
         Raises
         ------
@@ -259,7 +259,7 @@ def _require_choices(engine: str, convex: str, step: float | None) -> None:
 
 
 def _name_all(spec: mujoco.MjSpec) -> mujoco.MjSpec:
-    """Give each body and geom a name of its own."""
+    """Give each body and geom a different name."""
     for kind, elements in (("body", spec.bodies), ("geom", spec.geoms)):
         used_names = {element.name for element in elements}
         number = 0

@@ -201,16 +201,16 @@ class SoundSources:
             return None
 
     def _find_material(self, name: str) -> Material:
-        """Return a material with the damping asked for, or its own where it has no such set."""
+        """Return a material with the requested damping, or its default if it has no such set."""
         material, damping = Material.named(name), self._options.damping
         with suppress(MaterialError):
             return Material.named(name, damping)
-        note = f"{material.name} has no set {damping!r}: it rings by its own damping"
+        note = f"{material.name} has no set {damping!r}: it rings with its default damping"
         self._remarks += [note] * (note not in self._remarks)
         return material
 
     def _model(self, link: Link, material: Material | None) -> tuple[ModalModel | None, str]:
-        """Return the model of a link's sound, or why there is none."""
+        """Return the model of a link's sound, or None and the reason."""
         if self._is_mute(link.name):
             return None, "mute= says so"
         if link.name in self._finished_models:

@@ -56,7 +56,7 @@ class StepLog:
         self._poses.append((time, positions, rotations))
 
     def contacts(self, notes: tuple[str, ...] = (), *, forget: bool = False) -> Contacts:
-        """Return the log so far; or since it was asked to forget all that it had returned."""
+        """Return the log so far, or since the last call with `forget`."""
         if not self._poses:
             raise OptionError("nothing was noted: call step(data) after each mj_step")
         rows = np.concatenate(self._rows)
@@ -84,7 +84,7 @@ class StepLog:
         times = np.array([time for time, _, _ in self._poses])
         parts = []
         for number, link in enumerate(self._links):
-            poses = self._poses[:1] if link.fixed else self._poses  # what stands needs one row
+            poses = self._poses[:1] if link.fixed else self._poses  # a fixed body needs one row
             positions = np.stack([position[number] for _, position, _ in poses])
             rotations = np.stack([rotation[number] for _, _, rotation in poses])
             pose_times = times[: len(poses)]
