@@ -29,7 +29,7 @@ def rolled(speed: float, ways: Array, load: float = 0.3) -> Array:
     rubbed = SlidingContact(roughness=FINISH, modulus=1.1e11, radius=RADIUS)
     envelope = Envelope(rubbed, RATE, heights, load)
     rows = len(ways) // 64 + 2
-    return envelope.squeezes(0, ways, ways, np.full(rows, speed), np.full(rows, load))
+    return envelope.compressions(0, ways, ways, np.full(rows, speed), np.full(rows, load))
 
 
 def test_a_ball_rests_where_it_touches_first() -> None:
@@ -70,9 +70,9 @@ def test_the_same_place_feels_the_same_in_any_order() -> None:
     rows = np.full(3, 0.1), np.full(3, 0.3)
     ways = [start + np.arange(1, 65) * 2e-6 for start in (0.0, 0.3, 0.1, 0.3001, 0.0)]
     envelope = Envelope(rubbed, RATE, heights, 0.3)
-    found = [envelope.squeezes(0, way, way, *rows) for way in ways]
+    found = [envelope.compressions(0, way, way, *rows) for way in ways]
     assert found[-1] == pytest.approx(found[0], rel=1e-9, abs=1e-12)
-    alone = Envelope(rubbed, RATE, heights, 0.3).squeezes(0, ways[1], ways[1], *rows)
+    alone = Envelope(rubbed, RATE, heights, 0.3).compressions(0, ways[1], ways[1], *rows)
     assert found[1] == pytest.approx(alone, rel=1e-6, abs=1e-9)
 
 
@@ -96,7 +96,7 @@ def test_rolling_repeats_with_the_wheel_alone() -> None:
     def likeness(profile: object) -> Array:
         envelope = Envelope(rubbed, RATE, profile, 0.3)
         rows = np.full(len(ways) // 64 + 2, 0.5), np.full(len(ways) // 64 + 2, 0.3)
-        felt = envelope.squeezes(0, ways, ways, *rows)
+        felt = envelope.compressions(0, ways, ways, *rows)
         spectrum = np.fft.rfft(felt, 1 << 19)
         found = np.fft.irfft(np.square(np.abs(spectrum)))[: len(ways) // 2]
         return np.abs(found / found[0])

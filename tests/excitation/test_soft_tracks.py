@@ -66,7 +66,7 @@ def test_a_surface_sounds_as_its_reader_says(roughness: str | Profile) -> None:
     reader = Reader(Tool(roughness=roughness, striker="steel", seed=3).on(plate(8)), RATE)
     places = np.column_stack([ways, np.zeros((count, 2))])
     looks = np.full(rows, speed), np.full(rows, load)
-    expected = force_variation(reader.squeezes(0, places, ways, *looks), np.full(count, load))
+    expected = force_variation(reader.compressions(0, places, ways, *looks), np.full(count, load))
     assert expected.std() > 1e-4
     assert noise == pytest.approx(expected, abs=1e-6 * expected.std())
 

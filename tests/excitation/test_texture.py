@@ -105,7 +105,7 @@ def force(name: str, *, speed: float, seconds: float, rate: float) -> Array:
     count = round(seconds * rate) // CHUNK * CHUNK
     ways = np.arange(1, count + 1) * (speed / rate)
     rows = count // CHUNK + 1
-    squeezes = Reader(rubbed, rate).squeezes(
+    squeezes = Reader(rubbed, rate).compressions(
         0, np.outer(ways, [0.6, 0.8, 0.0]), ways, np.full(rows, speed), np.ones(rows)
     )
     return force_variation(squeezes, np.ones(count))

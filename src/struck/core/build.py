@@ -25,9 +25,8 @@ LIBRARIES = HERE / "libraries"
 SUMS = ("-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math", "-ffp-contract=fast")
 COMMON = ("-std=c11", "-O3", "-fno-math-errno", "-fno-sanitize=all", "-fvisibility=hidden", "-g0")
 WARNINGS = ("-Wall", "-Wextra", "-Werror")
-STRICT_FILES = frozenset(
-    {"limiter", "queue", "callback", "recorder"}
-)  # without rearranged arithmetic: each step rounds as written
+# Files without rearranged arithmetic: each step rounds as written.
+STRICT_FILES = frozenset({"limiter", "queue", "callback", "recorder"})
 # What the page runs, and how: small code, except for the loops that take most of the time. With
 # -Os, ears took three times as long to save 400 bytes.
 LOOPS, FEW_BYTES = ("-O2",), ("-Os", "-DSCALAR")

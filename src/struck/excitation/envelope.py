@@ -31,9 +31,8 @@ _MAX_REACH_POINTS = 400  # grid points that a peak reaches to each side
 _MIN_STEP = 2e-6  # m, of the grid
 _SLAB_POINTS = 2048  # grid points that are added at once
 _MAX_POINTS_PER_SAMPLE = 64  # grid points per sample: a faster contact is silent
-_MEAN_RADIUS_RATIO = np.sqrt(
-    3 / 5
-)  # half width of a mean as wide as that over the pressure, of its radius
+# Half width of a mean over a line that is as wide as the mean over the pressure, of its radius.
+_MEAN_RADIUS_RATIO = np.sqrt(3 / 5)
 _SAMPLED_POINTS = 8192  # grid points whose heights give the mean square
 
 
@@ -73,7 +72,7 @@ class Roller:
 
 
 class Envelope:
-    """The squeeze of a rolling contact, by the distance rolled; reads as a `Reader` does."""
+    """The compression of a rolling contact, by the distance rolled; reads as a `Reader` does."""
 
     def __init__(
         self,
@@ -100,10 +99,10 @@ class Envelope:
         )
         self._restart(0)
 
-    def squeezes(
+    def compressions(
         self, first: int, places: Array, ways: Array, speeds: Array, loads: Array
     ) -> Array:
-        """Return the squeeze y (n,) of the dent, as `Reader.squeezes` does."""
+        """Return the compression y (n,) of the dent, as `Reader.compressions` does."""
         del places
         passed_points = (ways[-1] - ways[0]) / self._step
         if not passed_points < _MAX_POINTS_PER_SAMPLE * len(ways):
@@ -133,7 +132,7 @@ class Envelope:
         return np.interp(numbers, np.arange(len(self._sums)), self._sums)
 
     def _cover(self, start: float, end: float) -> None:
-        """Extend the grid over a stretch of the way, and drop the part far behind it."""
+        """Extend the grid over a range of distances, m, and drop the part far before it."""
         low, high = int(np.floor(start / self._step)), int(np.ceil(end / self._step)) + 1
         last = self._first + len(self._sums)
         if low < self._first or low > last:

@@ -23,7 +23,7 @@ from struck.model.gains import ShapeGains
 from struck.model.model import ModalModel
 
 _RINGS, _SPOKES = 4, 12
-# Above and up to which numbers of these names go: they are squared, divided by, or counted by.
+# Bounds of numbers, which are squared, divided by, or counted.
 _MAX_MAGNITUDE = 1e100
 MAX_LOAD = 1e6  # N, the largest load
 _BOUNDS = {
@@ -70,7 +70,7 @@ class Pushing(Protocol):
     """An excitation at work on one model."""
 
     def advance(self, length: int) -> Push | None:
-        """Return the push of the next `length` samples, None where there is no force in them."""
+        """Return the push of the next `length` samples, or None without force."""
         ...
 
     @property
@@ -134,7 +134,7 @@ class Burst:
         return self._next_sample
 
     def advance(self, length: int) -> Push | None:
-        """Return the push of the next `length` samples, None where there is no force in them."""
+        """Return the push of the next `length` samples, or None without force."""
         offset = self._next_sample - self._samples.first
         self._next_sample += length
         part = self._samples.force[max(offset, 0) : max(offset + length, 0)]

@@ -184,7 +184,7 @@ class ForceTrack:
             distances = distance + np.cumsum(paces) / sample_rate
             points = np.zeros((len(distances), 3))
             points[:, 0] = distances
-            compressions[numbers] = reader.squeezes(
+            compressions[numbers] = reader.compressions(
                 0, points, distances, speeds[rows], control_loads[rows]
             )
             distance = float(distances[-1])

@@ -1,22 +1,24 @@
 """The force between two bodies that move along each other, by Hertz's law over their roughness.
 
 A round tip of radius R is pressed on a rough surface by a load. Its dent is a spring of stiffness
-k = (6 E*^2 R load)^(1/3) (Hertz's law about the load; Johnson 1985, section 4.2). The heights h
-that the dent feels squeeze that spring by x = k h / load of its load. The force is
+k = (6 E*^2 R load)^(1/3) (Hertz's law about the load; Johnson 1985, section 4.2). The heights h,
+averaged over the contact, change the force of that spring by x = k h / load of the load. The force
+is
 
     F = load (1 + y / sqrt(1 + (y / 0.8)^2)),  y = g(v) x / (1 + X^0.6),  X = rms of x
 
-so that it never turns into a pull: where the surface falls away it fades towards nothing, where it
-rises the tip is pushed off before the force doubles. A constant load is silent and left out.
+so that it is never a pull: it decays towards 0 where the surface falls, and stays below twice the
+load where it rises. A constant load is silent and left out.
 
-- *Speed.* g(v) = 0.05 (v / 1 m/s)^(3/4) is the share of the heights that squeezes the dent: of the
-  rest the tip keeps clear as it moves up and down. A roller, all of whose mass would have to move,
-  has a share of 0.3. The level of rubbing noise is a linear function of the logarithm of speed and
+- *Speed.* g(v) = 0.05 (v / 1 m/s)^(3/4) is the fraction of the heights that compresses the dent;
+the tip follows the rest as it moves up and down. A roller, all of whose mass would have to move,
+  has a factor of 0.3. The level of rubbing noise is a linear function of the logarithm of speed and
   of roughness (Ben Abdelounis, Le Bot, Perret-Liaudet & Zahouani, Wear 268, 335 (2010)); the
-  exponent is 3/4, or 4.5 dB a doubling ("Influence of sliding speed on roughness noise", 2019,
+  exponent is 3/4, or 4.5 dB per doubling ("Influence of sliding speed on roughness noise", 2019,
   experiment and simulation).
-- *Roughness.* Smooth surfaces, X below 1, act in proportion to their heights; of rough ones,
-  which the dent cannot take, with the power 0.4. Twice the load is louder by 2^(1/3) when smooth
+- *Roughness.* The force of smooth surfaces, X below 1, is proportional to their heights, that of
+rough ones, which the dent cannot take, to their power 0.4. Twice the load is louder by 2^(1/3) when
+smooth
   and by 2^0.73 when rough.
 - *Contact.* The circle of contact has the radius a = (3 load R / (4 E*))^(1/3); averaging over its
   pressure, sqrt(1 - (r/a)^2), multiplies waves of wavenumber q by 3 (sin qa - qa cos qa) / (qa)^3.
@@ -24,7 +26,7 @@ rises the tip is pushed off before the force doubles. A constant load is silent 
 
 All this happens over distance: moving twice as fast shifts the whole spectrum up an octave (a
 surface read at the speed of contact: van den Doel, Kry & Pai, FoleyAutomatic, SIGGRAPH 2001). The
-share, the power and the following are simple stand-ins for the inertia of the tip.
+fraction, the power and the following are simple models for the inertia of the tip.
 """
 
 from __future__ import annotations
@@ -51,17 +53,17 @@ FADE_SECONDS = 5e-3  # s, in which a moving contact fades in and out
 LIGHTEST = 1e-6  # N: the force of lighter contacts is in proportion to this one's
 
 _MAX_FORCE_RATIO = 0.8  # of the load: the largest change of the force, also if filters overshoot
-TIP_FRACTION, ROLLER_FRACTION = 0.05, 0.3  # shares of the heights that are not followed, at 1 m/s
+TIP_FRACTION, ROLLER_FRACTION = 0.05, 0.3  # of the heights that compress the dent, at 1 m/s
 _SPEED_EXPONENT = 0.75  # of the speed
 _ROUGHNESS_EXPONENT = 0.6  # power of X by which a rough surface acts less than in proportion
 FOLLOWED_LENGTH = 5e-4  # m, waves from which on the tip follows
 # Spacings a sample between which layers fade out: their waves are two spacings long and longer.
 _FADE_START, _FADE_END = 0.45, 0.8
-_FAINT_RATIO = 3e-3  # of the loudest layer's weight: a layer below is left out
+_FAINT_RATIO = 3e-3  # of the loudest layer's weight: weaker layers are left out
 _POINTS_PER_WAVE = 6  # of the shortest wave of a level
 _WINDOW, _MAX_KERNEL = 2e-3, 0.1  # s, over which loads are spread
-_FLAT_RATIO = 2 / 3  # share of a level's band that passes whole
-_RESOLVED_PHASE = 3.3  # q a of the shortest wave that a contact feels
+_FLAT_RATIO = 2 / 3  # of a level's band, which passes unchanged
+_RESOLVED_PHASE = 3.3  # q a of the shortest wave that a contact resolves
 
 
 @checked
@@ -140,7 +142,7 @@ class SlidingContact:
     modulus: float  # E* of the two, Pa
     radius: float  # joint radius of curvature, m
     seed: int = 0
-    height_fraction: float = TIP_FRACTION  # of the heights that is not followed, at 1 m/s
+    height_fraction: float = TIP_FRACTION  # of the heights that compresses the dent, at 1 m/s
 
     def contact_radius(self, loads: Array) -> Array:
         """Return the radius of the circle of contact, m, at loads of any shape, N."""
@@ -151,17 +153,20 @@ class SlidingContact:
         return np.cbrt(6 * self.modulus**2 * self.radius * loads)
 
     def scale(self, rms_height: Array, speeds: Array, loads: Array) -> Array:
-        """Return y a metre of height, 1/m, of heights whose rms at the dent is `felt`, m."""
+        """Return y per metre of height, 1/m, of heights with `rms_height`, m, at the dent."""
         positive_loads = np.maximum(loads, LIGHTEST)
-        squeeze = self.stiffness(positive_loads) / positive_loads
+        compression_per_height = self.stiffness(positive_loads) / positive_loads
         fraction = np.minimum(self.height_fraction * speeds**_SPEED_EXPONENT, 1.0)
         return (
-            (loads > 0) * fraction * squeeze / (1 + (squeeze * rms_height) ** _ROUGHNESS_EXPONENT)
+            (loads > 0)
+            * fraction
+            * compression_per_height
+            / (1 + (compression_per_height * rms_height) ** _ROUGHNESS_EXPONENT)
         )
 
 
 def force_variation(compressions: Array, loads: Array) -> Array:
-    """Return F - load, N, of squeezes y under loads."""
+    """Return F - load, N, of compressions y under loads."""
     return loads * compressions / np.sqrt(1 + np.square(compressions * (1 / _MAX_FORCE_RATIO)))
 
 
@@ -193,10 +198,10 @@ class Reader:
             ])  # fmt: skip
             self._falls = 1 / (sample_rate * self._layers.spacings * (_FADE_END - _FADE_START))
 
-    def squeezes(
+    def compressions(
         self, first: int, places: Array, ways: Array, speeds: Array, loads: Array
     ) -> Array:
-        """Return the squeeze y (n,) of the dent.
+        """Return the compression y (n,) of the dent.
 
         At places (n, 3) and after distances (n,), m; speeds, m/s, and loads, N, are those of the
         control points (rows,); `first` samples have passed since the first of them.
@@ -269,7 +274,7 @@ class Reader:
 
 
 def unfollowed_fraction(lengths: Array) -> Array:
-    """Return the share of waves of these lengths, m, that the tip does not follow."""
+    """Return the fraction of waves of these lengths, m, that the tip does not follow."""
     return 1 / (1 + np.square(lengths / FOLLOWED_LENGTH))
 
 
@@ -282,7 +287,7 @@ def pressure_mean(phases: Array) -> Array:
 
 
 def patch_mean(radii: Array) -> Array:
-    """Return the share of a layer that a Hertz contact feels, by the logarithm of its radius.
+    """Return the mean of a layer over a Hertz contact, by the logarithm of its radius.
 
     Radii are in spacings of the layer.
     """
@@ -360,7 +365,7 @@ def levels_of(profile: Profile) -> Levels:
 
 
 def _low_pass(spectrum: Complex, cutoff: float) -> Array:
-    """Return one period of a profile without waves above `highest` in it."""
+    """Return one period of a profile without waves above `cutoff` in it."""
     wave_count = min(int(cutoff) + 1, len(spectrum))
     waves = np.arange(wave_count)
     fall = np.clip((cutoff - waves) / (cutoff * (1 - _FLAT_RATIO)), 0, 1)
@@ -371,7 +376,7 @@ def _low_pass(spectrum: Complex, cutoff: float) -> Array:
 def add_reading(
     table: Levels, phases: Array, levels: Sequence[float], weights: Sequence[float], out: Array
 ) -> None:
-    """Add to `out` (n,) the values of a table at `turns` (n,) of its period.
+    """Add to `out` (n,) the values of a table at `phases` (n,), in periods.
 
     Levels and weights go in a straight line from the first to the last of two.
     """

@@ -1,4 +1,4 @@
-"""A path over a body, from place to place the shortest way.
+"""A path over a body, the shortest one from place to place.
 
 Over a computed body it follows the surface; over a recorded one it goes straight from place to
 place in the coordinates of its contacts, and its length in metres is what the body's chart says.
@@ -149,7 +149,7 @@ def _require_moving(is_moving: Mask) -> None:
 
 
 def require_waypoints(places: Waypoints, repeat: str) -> None:
-    """Raise an OptionError on fewer than two places or an unknown way to repeat."""
+    """Raise an OptionError on fewer than two places or an unknown repetition."""
     if isinstance(places, str) or len(places) < 2:
         raise OptionError(f"the path is {places!r}: give two places or more, such as [p, q]")
     require_choice("repeat", repeat, REPEATS)

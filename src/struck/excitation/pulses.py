@@ -24,7 +24,7 @@ from struck.errors import require_choice
 from struck.model.arrays import Array, Complex
 
 LEAD = 7  # samples that a sampled pulse begins before its onset
-SOFTNESS = 3e-3  # s: six standard deviations of the Gaussian of 2002, which does not say its width
+SOFTNESS = 3e-3  # s: six standard deviations of the Gaussian of 2002, whose width is not published
 
 _FLATNESS = 7.5  # of the Kaiser window: 75 dB beyond 2/3 of the rate, flat up to 1/3
 _OVERSAMPLING = 8
@@ -116,7 +116,7 @@ def _sine_spectrum(power: float) -> Callable[[Array], Array]:
     def spectrum(cycles: Array) -> Array:
         low_cycles = np.minimum(cycles, 2.0)
         low = rgamma(1 + power / 2 + low_cycles) * rgamma(1 + power / 2 - low_cycles)
-        # Far out one of the two overflows: Gamma(x) Gamma(1 - x) = pi / sin(pi x) turns it round.
+        # Far out one of the two overflows: Gamma(x) Gamma(1 - x) = pi / sin(pi x) replaces it.
         high_cycles = np.maximum(cycles, 2.0)
         fall = np.exp(gammaln(high_cycles - power / 2) - gammaln(1 + power / 2 + high_cycles))
         high = fall * np.sin(np.pi * (high_cycles - power / 2)) / np.pi

@@ -29,7 +29,7 @@ _GRAIN_HEIGHT, _GRAIN_LENGTH = 0.43, 1 / 3
 # cut-off of ISO 21920.
 _FORM_LENGTH = 2.5e-3
 _SEAM_RATIO = 0.05
-_MIN_POWER_RATIO = 3e-3  # share of the strongest waves' power below which waves count as none
+_MIN_POWER_RATIO = 3e-3  # of the power of the strongest waves: weaker ones are left out
 
 
 @checked

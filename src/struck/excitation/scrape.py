@@ -345,7 +345,7 @@ class Rubbing:
         )
         ways = (start_distances[:-1, None] + chunk_distances).reshape(-1)
         chunk_loads = (loads[:-1, None] + np.diff(loads)[:, None] * _FRACTIONS).reshape(-1)
-        compressions = self._reader.squeezes(0, self._path.spot(ways), ways, speeds, loads)
+        compressions = self._reader.compressions(0, self._path.spot(ways), ways, speeds, loads)
         self._chunk += self._chunk_count
         self._last_control, self._chunk_distance = controls[-1], float(start_distances[-1])
         return force_variation(compressions, chunk_loads), ways

@@ -100,7 +100,7 @@ def add_heights_plainly(
 
 
 def blend(shares: Array) -> Array:
-    """Return the weight of the farther corner at shares 0 to 1 of the way to it."""
+    """Return the weight of the farther corner at 0 to 1 of the distance to it."""
     return shares**3 * (shares * (shares * 6 - 15) + 10)
 
 

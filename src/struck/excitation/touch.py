@@ -116,7 +116,7 @@ class Touching:
 
     @property
     def at_rest(self) -> bool:
-        """Whether the body is let go of, and no update waits."""
+        """Whether the body is released, and no update waits."""
         return not self._updates and self._is_off()
 
     def resume(self, sample: int) -> None:
@@ -210,7 +210,7 @@ class Touching:
         return float(values[_LOAD] * values[_PRESSED])
 
     def advance(self, length: int) -> Push | None:
-        """Return the push of the next `length` samples, None where there is no force in them."""
+        """Return the push of the next `length` samples, or None without force."""
         updates = []
         while self._updates and self._updates[0].sample < self.now + length:
             updates.append(self._updates.popleft())
@@ -256,7 +256,7 @@ class Touching:
         return shared_drives
 
     def _forces(self, courses: Array, first: int, length: int) -> list[Array | None]:
-        """Return the force of each block of a stretch; None in place of one that is silent."""
+        """Return the force of each block of a stretch; None for a silent block."""
         count = courses.shape[1] // length
         if first >= courses.shape[1] or self._rests(length, courses[_PRESSED]):
             return [None] * count
@@ -378,7 +378,7 @@ class Touching:
         chunk_offset = first % CHUNK
         row = 0 if chunk_offset else 1  # of the control point before the first sample
         distances = self._distance + np.cumsum(speeds) / self._rate
-        compressions = self._reader.squeezes(
+        compressions = self._reader.compressions(
             chunk_offset, points, distances, *controls[row:].T.copy()
         )
         self._controls, self._distance = controls[-2:], float(distances[-1])
@@ -545,7 +545,7 @@ class Replay:
         self._given_count = 0
 
     def _updates(self, first: int, end: int) -> Updates:
-        """Return the updates from number `begin` to `end` of the log."""
+        """Return the updates from number `first` to before `end` of the log."""
         log, last = self._log, self._last
         is_moved = self._is_moved[first:end].copy()
         is_moved[0] |= last is None
@@ -584,7 +584,7 @@ class Replay:
 
 
 class Line(NamedTuple):
-    """Numbers that move in a straight line, and stay at its end.
+    """Numbers that change linearly, and stay at the end of the line.
 
     For a touch they are how far it is pressed and how far it moves, 0 to 1, load, N, speed, m/s,
     place, m, and the drive of each mode.
@@ -596,7 +596,7 @@ class Line(NamedTuple):
     high: Array
 
     def at(self, sample: int) -> Array:
-        """Return how many updates come before a sample number."""
+        """Return the numbers (N,) before a sample."""
         if sample - self.begin >= self.length:
             return self.high
         return self.low + (sample - self.begin) / self.length * (self.high - self.low)
@@ -620,7 +620,7 @@ def expect_gaps(
 def expect_gaps_plainly(
     intervals: Index, shortest: float, longest: float, interval: float
 ) -> tuple[Index, float]:
-    """Return expected samples between updates like `expected`, update by update."""
+    """Return expected samples between updates like `expect_gaps`, update by update."""
     gaps = []
     for samples in intervals.tolist():
         if shortest <= samples <= longest:
@@ -645,7 +645,7 @@ def join_lines(start_samples: Index, lengths: Index, low: Array, highs: Array) -
 
 
 def join_lines_plainly(start_samples: Index, lengths: Index, lows: Array, highs: Array) -> Array:
-    """Return starts of lines like `joined`, in plain NumPy, with the first row of `lows` filled."""
+    """Return starts of lines like `join_lines`, in plain NumPy; the first of `lows` is filled."""
     for n in range(1, len(lows)):
         line = Line(int(start_samples[n - 1]), int(lengths[n - 1]), lows[n - 1], highs[n - 1])
         lows[n] = line.at(int(start_samples[n]))

@@ -137,7 +137,7 @@ def change(model: ModalModel, request: Mapping[str, Any]) -> dict[str, Any]:
     ----------
     model : ModalModel
         As it was computed or loaded.
-    wanted : mapping
+    request : mapping
         "material": a name of `struck materials`; "size": how many times as large; "damping": how
         many times as much is lost; "quick": whether to answer at once.
 

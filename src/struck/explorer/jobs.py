@@ -40,7 +40,7 @@ class Job:
     """One object of the room, and how far it is."""
 
     thing: Thing
-    path: Path  # of its model file; the page's own has the ending `PAGED`
+    path: Path  # of its model file; the page's own has the ending `PAGE_ENDING`
     state: str = "waiting"  # "working", "ready" or "failed"
     stage: str = ""
     fraction: float = 0.0
@@ -64,7 +64,7 @@ class Jobs:
 
     Parameters
     ----------
-    wanted : sequence of Thing
+    objects : sequence of Thing
         Of `things`, in the order of their computation.
     folder : path
         Where model files are written.

@@ -22,9 +22,8 @@ from struck.model.model import ModalModel
 from struck.perception.audibility import audible
 from struck.shapes.particular_solutions import PolygonForms
 
-MAX_SHAPE_BYTES = (
-    32 * 2**20
-)  # of the shapes at the vertices of a body that the page knows by them alone
+# Bytes of the shapes at the vertices of a refined body, which the page has no formula for.
+MAX_SHAPE_BYTES = 32 * 2**20
 MAX_SENT_BYTES = 256 * 2**20  # bytes of shapes that a page takes at all
 _BLOCK_POINTS = 4096  # places looked up together
 FINE_RATIO = 0.28  # spacing times wave number up to which straight lines miss a wave by 1 %

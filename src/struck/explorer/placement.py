@@ -25,9 +25,8 @@ _MULTI_ROW_COUNT = 8  # bodies: fewer are placed in one row
 _ASPECT = 2.5  # columns to rows, about
 _RISE = 0.15  # of a line of sight from the home position, height to depth
 _THIN_RATIO = 150.0  # length to thickness beyond which a wire is drawn thicker
-TOKEN_BOX = np.array(
-    [[-0.08, -0.02, 0.0], [0.08, 0.02, 0.16]]
-)  # box of the object drawn for a recording
+# Box of the object drawn for a recording.
+TOKEN_BOX = np.array([[-0.08, -0.02, 0.0], [0.08, 0.02, 0.16]])
 
 
 def stand(models: Sequence[ModalModel], names: Sequence[str]) -> list[Thing]:

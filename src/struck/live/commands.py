@@ -220,7 +220,7 @@ class Host:
     def move(
         self, body: int, position: Course3 | None, rotation: Turning | None, moment: float | None
     ) -> None:
-        """Let a body go somewhere now, or be there at a moment, s; OptionError without ears."""
+        """Move a body to a pose now, or by a moment, s; OptionError without ears."""
         ears = self._ears
         if ears is None:
             raise OptionError(
@@ -240,7 +240,7 @@ class Host:
         quaternion: Array | None,
         moment: float | None,
     ) -> Command:
-        """Return the command to go somewhere, in time with the strikes of its sample.
+        """Return the command to move to a pose, in time with the strikes of its sample.
 
         A moment is passed on at once, as paths to the ears are computed ahead of the sound.
         """
@@ -297,7 +297,7 @@ class Host:
         return self._touches[body, finger][1]
 
     def dampen(self, body: int, at: Place, grip: float) -> None:
-        """Hold a body with a viscous grip, N s/m, or let it go with 0."""
+        """Hold a body with a viscous grip, N s/m; 0 releases it."""
         with self._changing:
             played_body = self.body(body)
             played_body.hold(at, grip)
@@ -475,7 +475,7 @@ class CommandQueue:
             return room
 
     def add(self, command: Command) -> bool:
-        """Queue a command; False where there is no room."""
+        """Queue a command; return False if the queue is full."""
         with self._lock:
             room = self.have_room()
             if room:
@@ -483,7 +483,7 @@ class CommandQueue:
             return room
 
     def put(self, key: Hashable, command: Command) -> None:
-        """Queue a command in place of an older one of the same key: there is always room."""
+        """Queue a command in place of an older one of its key, even if the queue is full."""
         with self._lock:
             self._waiting.pop(key, None)  # the new one comes last
             self._waiting[key] = self._clock(), command
@@ -545,7 +545,7 @@ class PlayedBody:
         return mode_drive
 
     def hold(self, at: Place, grip: float) -> None:
-        """Hold the body at a place with a viscous grip, N s/m (`Hold`); 0 lets go."""
+        """Hold the body at a place with a viscous grip, N s/m (`Hold`); 0 releases it."""
         place = tuple(self.contact(at).point.tolist())
         hold = Hold(at=place or None, grip=grip)  # recorded at one place, it has no coordinates
         self._holds.pop(place, None)
@@ -662,7 +662,7 @@ def _hashable(place: Place) -> Hashable:
 
 
 def _keep(cache: dict[Hashable, Value], key: Hashable, value: Value) -> Value:
-    """Cache one more, dropping the oldest where there are too many; any thread may call it."""
+    """Cache a value, and drop the oldest one if the cache is full; any thread may call it."""
     if len(cache) >= _CACHE_SIZE:
         cache.pop(list(cache)[0], None)  # noqa: RUF015 - no other thread comes between in `list`
     return cache.setdefault(key, value)

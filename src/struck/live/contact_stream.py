@@ -68,9 +68,8 @@ class ContactStream:
     zero: int | None = None  # sample at which the log's time is 0
     _window: Contacts | None = None
     _planned_end: float = -np.inf  # s: contacts before this moment are planned
-    _last_blow_times: dict[tuple[int, int], float] = field(
-        default_factory=dict
-    )  # last blow of pairs, s
+    # Times of the last blow of each pair, s.
+    _last_blow_times: dict[tuple[int, int], float] = field(default_factory=dict)
     _contact_count: int = 0  # sustained contacts
     _rubbing: dict[tuple[int, int], _Rubbing] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
@@ -194,7 +193,7 @@ class SimulationRun:
         self, simulation: Simulation, stream: ContactStream, control: Control | None
     ) -> None:
         self._simulation, self._stream, self._control = simulation, stream, control
-        self.load = 0.0  # share of its time that the thread takes, 0 to 1
+        self.load = 0.0  # fraction of time that the thread computes, 0 to 1
         self._stopping = False
         self._thread = threading.Thread(target=self._run, name="struck simulation", daemon=True)
         self.start = self._thread.start

@@ -268,7 +268,7 @@ class Stream:
 
     @property
     def load(self) -> float:
-        """The share of its time that the callback takes, 0 to 1."""
+        """Fraction of the time of a block that the callback takes, 0 to 1."""
         return 0.0 if self._handle is None else self._library.Pa_GetStreamCpuLoad(self._handle)
 
     @property
@@ -363,11 +363,11 @@ class PortAudio:
         )
 
     def device(self, selector: int | str | None = None) -> Device:
-        """Return the `wanted` device to play on, by number or name; None: the default one."""
+        """Return the device to play on, by number or name (`selector`); None: the default one."""
         return choose(self.devices(), selector)
 
     def recorder(self, selector: int | str | None = None) -> Device:
-        """Return the `wanted` device to record from, chosen as by `device`."""
+        """Return the device to record from; `selector` as for `device`."""
         return choose(self.recorders(), selector, what="record")
 
     def open(
@@ -456,7 +456,7 @@ class Outlet:
 
     @property
     def load(self) -> float:
-        """The share of its time that the callback takes, 0 to 1."""
+        """Fraction of the time of a block that the callback takes, 0 to 1."""
         return 0.0 if self._stream is None else self._stream.load
 
     @property

@@ -1,4 +1,4 @@
-"""A listener's ears while bodies are played: the feeder finds the delays, the callback hears.
+"""A listener's ears while bodies are played: the feeder computes delays, the callback sounds.
 
 What the callback needs is in arrays that are laid out once; `struck.ears.delay_lines` describes
 their use. The poses of bodies and listener are tables that grow.
@@ -56,7 +56,7 @@ class Course:
         return self._places[-1], self._rotations[-1]
 
     def add(self, times: Array, positions: Array, rotations: Array) -> None:
-        """Add poses at ascending times, s (K,), in place of all from the first one on."""
+        """Add poses at ascending times, s (K,), which replace all from the first of them on."""
         oldest_row = np.searchsorted(self._times, times[0] - _HISTORY_SECONDS) - 1
         rows = slice(max(0, int(oldest_row)), int(np.searchsorted(self._times, times[0])))
         self._times = np.concatenate([self._times[rows], times])
@@ -66,7 +66,7 @@ class Course:
     def go(
         self, time: float, place: Array | None, target_quaternion: Array | None, duration: float
     ) -> None:
-        """Go to a pose from a time on, `within` s; a part that is None stays as it was."""
+        """Move to a pose from a time on, in `duration` s; a part that is None stays as it was."""
         position, quaternion = self.last
         position, quaternion = (
             position if place is None else place,
@@ -236,7 +236,7 @@ class LiveEars:
         )
 
     def goal(self, listener: Listener) -> tuple[Array, Array]:
-        """Return where a listener is to go, and turn: (3,), (4,); errors as where it begins."""
+        """Return the checked target position (3,), m, and quaternion (4,) of a listener."""
         pose = Pose.of(listener, self._emitters)
         if pose.ear_points.shape != self._pose.ear_points.shape or pose.field != self._pose.field:
             raise OptionError(
@@ -256,7 +256,7 @@ class LiveEars:
         *,
         exact: bool,
     ) -> None:
-        """Let a body, or the listener, be somewhere at a time, s; or go there from then on."""
+        """Move a body, or the listener, to a pose at a time, s, or from that time on."""
         course = self._pose.course if body is None else self._courses[body]
         course.go(time, position, quaternion, 0.0 if exact else self._stretch / self._rate)
         self._moved_bodies |= set() if body is None else {body}
@@ -264,7 +264,7 @@ class LiveEars:
     def follow(self, body: int, times: Array, positions: Array, quaternions: Array) -> int:
         """Let a body take poses at times, s (K,); return how many were too far away, and drawn in.
 
-        The lines of sound are no longer than `FARTHEST`.
+        The lines of sound are no longer than `MAX_DISTANCE`.
         """
         offsets = positions - self.position
         factors = np.minimum(1.0, MAX_DISTANCE / np.maximum(np.linalg.norm(offsets, axis=1), 1e-9))

@@ -191,7 +191,7 @@ class Robot:
         self._next_time = time.monotonic() + self._pause
 
     def go_on(self) -> None:
-        """Strike as often as the robot's clock says."""
+        """Strike as often as is due by the robot's clock."""
         now = time.monotonic()
         self._next_time = max(self._next_time, now - _MAX_DELAY)
         while self._next_time <= now:

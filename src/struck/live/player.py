@@ -337,7 +337,7 @@ class Player:
 
     @property
     def listener(self) -> Array | Listener:
-        """Where all bodies are heard, m (3,), or with which ears.
+        """Position at which all bodies are heard, m (3,), or the ears.
 
         Ears move to a new place, and turn, within some 10 ms; sound that travels already arrives
         there.
@@ -420,7 +420,7 @@ class Player:
 
     @property
     def simulation_load(self) -> float:
-        """The share of its time that the simulation takes, its contacts included, in percent."""
+        """Percentage of time that the simulation computes, its contacts included."""
         return 0.0 if self._run is None else 100 * self._run.load
 
     @property
@@ -443,7 +443,7 @@ class Player:
 
     @property
     def load(self) -> float:
-        """The share of its time that the audio callback takes, in percent."""
+        """Percentage of the time of a block that the audio callback takes."""
         return 100 * self._outlet.load
 
     @property
@@ -572,7 +572,7 @@ class Feeder:
         seconds: float,  # of a block
         ahead: int = 2,  # blocks kept ready, each one block more between a touch and its sound
     ) -> None:
-        self.longest = 0.0  # time between two looks at the ring, s
+        self.longest = 0.0  # time between two checks of the ring, s
         self._records = records
         self._fill = fill
         self._nap = seconds / 2

@@ -18,11 +18,9 @@ from struck.recordings.capture import CapturedTake
 SETTLING_SECONDS = 0.3  # s of a take that are left out while the device settles
 _BLOCK = 256
 _MAX_SECONDS = 600.0  # s
-_PATIENCE_SECONDS, _POLL_SECONDS = (
-    3.0,
-    0.005,
-)  # s: how late a device may be, and between two looks at it
-# Numbers of `recorder.c`: address of the samples, frames wanted and done, channels, blocks lost.
+_PATIENCE_SECONDS = 3.0  # s, by which a device may be late
+_POLL_SECONDS = 0.005  # s, between two checks of the recorded frames
+# Numbers of `recorder.c`: address of the samples, frames to record and done, channels, lost blocks.
 _ADDRESS, _FRAME_COUNT, _FRAMES_DONE, _CHANNELS, _LOST_BLOCKS = range(5)
 
 

@@ -1,4 +1,4 @@
-"""Voices: the excitations at work, strikes that share a place, and their part of each record."""
+"""Voices: active excitations, strikes at the same place, and their part of each record."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ class Blows:
         self._blows: list[Samples] = []
 
     def add(self, blow: Samples) -> bool:
-        """Take one more; False where there are too many already."""
+        """Add a blow; return False if there are too many."""
         if len(self._blows) >= MAX_BLOWS:
             return False
         self._blows.append(blow)
         return True
 
     def advance(self, length: int) -> Push | None:
-        """Return the push of the next `length` samples, None where there is no force in them."""
+        """Return the push of the next `length` samples, or None without force."""
         force = np.zeros(length)
         parts = [_add(blow, force, self._next_sample) for blow in self._blows]
         self._next_sample += length
@@ -62,7 +62,7 @@ def _add(blow: Samples, force: Array, block_start: int) -> bool:
 
 
 class Started:
-    """An excitation at work; `stop` lets it go within 5 ms."""
+    """An active excitation; `stop` ends it within 5 ms."""
 
     def __init__(self, pushing: Pushing, sample_rate: float, *, ideal: bool = False) -> None:
         self._pushing, self.ideal = pushing, ideal  # a blow without duration
@@ -70,7 +70,7 @@ class Started:
         self._left: int | None = None
 
     def stop(self) -> None:
-        """Let go; more than once does no harm."""
+        """Release the body; more than once does no harm."""
         if self._left is None:
             self._left = self._fade_samples
 
@@ -89,7 +89,7 @@ class Started:
         return self._left == 0 or self._pushing.finished
 
     def advance(self, length: int) -> Push | None:
-        """Return the push of the next `length` samples, None where there is no force in them."""
+        """Return the push of the next `length` samples, or None without force."""
         left = self._left  # `stop` may be called from another thread
         push = self._pushing.advance(length)
         if left is None:
@@ -229,7 +229,7 @@ def _put(push: Push, voice: _Voice, number: int, record: Record) -> None:
 
 
 def _require_sound(push: Push, last: Array | None, width: int) -> None:
-    """Raise an OptionError on a push that would spoil the modes' state for good."""
+    """Raise an OptionError on a push that would spoil the modes' state permanently."""
     force = push.force
     if not np.abs(force).max() <= MAX_FORCE:  # NaN neither
         raise OptionError(

@@ -55,7 +55,7 @@ def faded(
 
 
 def level_note(samples: NDArray[np.floating]) -> tuple[str, ...]:
-    """Return a note on the level of samples in Pa that are too soft to be heard; none of others."""
+    """Return a note on the level of samples, Pa, that are too soft to be heard, else ()."""
     peak = float(np.abs(samples).max(initial=0.0))
     if peak >= _MIN_AUDIBLE_PEAK:
         return ()

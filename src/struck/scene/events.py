@@ -306,7 +306,7 @@ def _end_of(contacts: Contacts) -> float:
 
 
 def _find_still(scene: Scene, contacts: Contacts) -> Mask:
-    """Return which bodies of a log (B,) neither move nor turn, as their poses say."""
+    """Return which bodies of a log (B,) neither move nor rotate by their poses."""
     is_still, poses = np.zeros(len(contacts.names), np.bool_), contacts.poses
     if poses is not None and len(poses.time):
         bodies, firsts, counts = np.unique(poses.body, return_index=True, return_counts=True)
@@ -455,7 +455,7 @@ def _curvatures(body: Body, times: Array, places: Array) -> Array:
 
 
 def joint_masses(bodies: Sequence[Body], times: Array, places: Array, directions: Array) -> Array:
-    """Return the mass of two bodies as seen by a push at places of the scene, kg (P,)."""
+    """Return the effective mass of two bodies for a push at places of the scene, kg (P,)."""
     mobility = sum(_mobility(body, times, places, directions) for body in bodies)
     # Where neither moves freely, the lightest body counts as moving: a hand has moved it.
     fallback_mass = min((b.model.mass for b in bodies if b.model.mass is not None), default=1.0)

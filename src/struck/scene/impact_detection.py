@@ -40,7 +40,7 @@ class Pair:
     first: int  # number of the body that gets the opposite impulse
     second: int
     rows: Index  # (n,), in order of time
-    sign: Array  # (n,), -1 where the log names them the other way round
+    sign: Array  # (n,), -1 if the log names the two in the other order
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -59,14 +59,13 @@ _MAX_RATE, _MAX_SAMPLES = 1e6, LONGEST_SOUND * 192_000
 LONGEST_UNSAID = 60.0  # s, for which excitations may push if the length is not given
 LONGEST_RING = 10.0  # s, the longest decay after that
 SHORTEST_RING = 0.1  # and at least, s
-_MIN_AUDIBLE_RATIO = 10 ** (
-    -40 / 20
-)  # softer modes than this share of the loudest do not prolong a sound
-_DECAY_NEPERS = np.log(1000)
+# Fraction of the loudest mode: softer modes do not prolong a sound.
+_MIN_AUDIBLE_RATIO = 10 ** (-40 / 20)
+_DECAY_NEPERS = np.log(1000)  # 60 dB
 _SAMPLED_VERTICES = 200  # vertices at most that show how far a body moves
-_MAX_SHIFT_RATIO = 1e-3  # contacts moved by less than this share of the body are not worth a note
+_MAX_SHIFT_RATIO = 1e-3  # contacts moved by less than this fraction of the body are not noted
 _MIN_GAIN_RATIO = 1e-9  # of the largest gain: strikes with less do not sound
-_BLOCK = 128  # short, since drives go straight from block to block where a contact moves
+_BLOCK = 128  # short, since drives of a moving contact are interpolated linearly within a block
 _HEARING_BLOCK = 4096
 
 
@@ -378,7 +377,7 @@ def _require_finite(gains: Complex) -> Complex:
 def _add_recoil(
     samples: Array, model: ModalModel, strikes: Sequence[Strike], listener: Array, sample_rate: int
 ) -> None:
-    """Add the recoil of strikes, heard at a place (3,), as resonators make it of their pulses."""
+    """Add the recoil of strikes at a listener (3,), as resonators compute it from their pulses."""
     if model.recoil is None:
         return
     responses = model.recoil.answers(sample_rate, len(samples)) / away_from(model, listener[None])
@@ -394,7 +393,7 @@ def _add_recoil(
 def _length(
     frequencies: Array, decays: Array, pulses: Sequence[Pulse]
 ) -> tuple[float, tuple[str, ...]]:
-    """Return for how long strikes are to be heard, s, and a note when that was cut short."""
+    """Return the length of the sound of strikes, s, and a note if it is cut off."""
     if not pulses:
         return 0.0, ()
     last = max(pulse.release for pulse in pulses)
@@ -461,9 +460,8 @@ class DrivenBody:
     # first sample and voice, the last first, and pushing ones by voice.
     _waiting: list[tuple[int, int, Pushing]] = field(init=False)
     _pushings: dict[int, Pushing] = field(init=False, default_factory=dict)
-    _unheard_times: dict[int, float] = field(
-        init=False, default_factory=dict
-    )  # begins, s, by voice
+    # Start times of scrapes and rolls that have not pushed yet, s, by voice.
+    _unheard_times: dict[int, float] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         if self._silent:
@@ -807,7 +805,7 @@ def _notes(
 
 
 def _gather_by_body(notes: Sequence[tuple[str, ...]], names: Sequence[str]) -> tuple[str, ...]:
-    """Return the notes of bodies one after the other, gathered by name if there are names."""
+    """Return the notes of bodies in order, gathered by name if there are names."""
     if names:
         pairs = zip(names, notes, strict=True)
         return gather_notes((name, note) for name, body_notes in pairs for note in body_notes)

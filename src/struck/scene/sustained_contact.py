@@ -215,7 +215,7 @@ class SustainedContact:
             moving = np.clip((pace - _MIN_SPEED) / (_FULL_SPEED - _MIN_SPEED), 0, 1)
             points = np.stack([np.interp(moments, self.times, axis) for axis in path.T], axis=1)
             distances = np.interp(moments, self.times, path_lengths)
-            compressions = reader.squeezes(0, points, distances, pace, loads[rows])
+            compressions = reader.compressions(0, points, distances, pace, loads[rows])
             out[part] += compressions * np.interp(moments, control_times, moving)
 
 
@@ -269,7 +269,7 @@ class Playing:
         self._next_sample = sample
 
     def advance(self, length: int) -> Push | None:
-        """Return the push of the next `length` samples, None where there is no force in them."""
+        """Return the push of the next `length` samples, or None without force."""
         offset = self._next_sample - self._first
         self._next_sample += length
         force = self._force[max(offset, 0) : max(offset + length, 0)]

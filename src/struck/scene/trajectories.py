@@ -403,7 +403,7 @@ def _would_leap(body: Body, impulse: Array) -> bool:
 def find_nearest_places(
     body: Body, other_body: Body, time: float, slack: float = _SLACK_DISTANCE
 ) -> tuple[float, Array] | None:
-    """Return how far apart two bodies are, m, and where they are nearest, in the scene (3,).
+    """Return the distance of two bodies, m, and the point between their nearest points (3,).
 
     None where they are too far apart to touch, beyond a slack, m, or one has no surface.
     """

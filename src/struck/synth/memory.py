@@ -100,7 +100,7 @@ class Level(IntEnum):
     """Entries at the front of `Memory.levels`."""
 
     RATE = 0  # Hz
-    QUIET = 1  # share of its loudest at which a body falls asleep
+    QUIET = 1  # of its loudest level: a softer body falls asleep
 
 
 class Memory(NamedTuple):

@@ -77,7 +77,7 @@ class Poles:
         return cls(values=values, recoils=recoil is not None)
 
     def raised(self, rises: Array) -> Complex:
-        """Return the poles with the decays of modes raised by `more`, 1/s (M,)."""
+        """Return the poles with the decays of modes raised by `rises`, 1/s (M,)."""
         values = self.values.copy()
         values[: self.modes] -= (values[: self.modes] != 0) * rises
         return values

@@ -141,7 +141,7 @@ class Stepped:
 
 @checked
 class Resonators:
-    """Modes of all bodies, pushed and heard block after block.
+    """Modes of all bodies, advanced block by block.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ _GAIN, _GAIN_IN_WINDOW, _WINDOW_SECONDS = 4.0, 8.0, 0.02  # 1, 1, s
 _RELEASE_SECONDS = (
     0.1  # s, in which a soft contact (solref's 20 ms) gives back what a blow has put in
 )
-_SEPARATION_SPEED = 0.5  # m/s that bodies may be pushed apart with that begin in each other
+_SEPARATION_SPEED = 0.5  # m/s, at which bodies that start in each other may be pushed apart
 
 
 def require_slow(
@@ -83,7 +83,7 @@ def require_no_blast(contacts: Contacts, masses: Array) -> None:
 
 
 def _find_window_maxima(times: Array, values: Array) -> Array:
-    """Return the largest of values (T,) in a window about each time: springs let go late."""
+    """Return the largest of values (T,) in a window about each time, as springs release late."""
     first_rows = np.searchsorted(times, times - _RELEASE_SECONDS, side="left")
     end_rows = np.searchsorted(times, times + _WINDOW_SECONDS, side="right")
     return np.array([values[a:b].max() for a, b in zip(first_rows, end_rows, strict=True)])

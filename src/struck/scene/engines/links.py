@@ -267,7 +267,7 @@ def _join_parts(parts: Sequence[tuple[Array, Index]]) -> Mesh:
 
 
 def file_coordinates(model: mujoco.MjModel, geom: int) -> Placement:
-    """Return where a compiled mesh is in its file's coordinates: MuJoCo moves and turns it."""
+    """Return the placement of a mesh, which MuJoCo moves and rotates, in its file's coordinates."""
     mesh = model.geom_dataid[geom]
     return _placement(model.mesh_pos[mesh], model.mesh_quat[mesh])
 

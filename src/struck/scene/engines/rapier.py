@@ -96,7 +96,8 @@ class RapierEngine:
             if not link.fixed:
                 body = self._weighing(body, number, link).can_sleep(False)  # noqa: FBT003 - Rapier's own
                 at = self._model.body_dofadr[link.frame]
-                # MuJoCo turns a free body in its own coordinates, Rapier in the world's.
+                # MuJoCo gives angular velocities of free bodies in body coordinates, Rapier in the
+                # world's.
                 angular_velocity = rotation.apply(data.qvel[at + 3 : at + 6])
                 body = body.linvel(tuple(data.qvel[at : at + 3].tolist()))
                 body = body.angvel(tuple(angular_velocity.tolist())).ccd_enabled(True)  # noqa: FBT003
@@ -177,7 +178,7 @@ class RapierEngine:
     # One step.
 
     def _state(self) -> tuple[Array, Array, Array, Array]:
-        """Return places, turns (w, x, y, z), and speeds of the centres of mass and spins."""
+        """Return positions, quaternions (w, x, y, z), velocities of centres of mass and spins."""
         states = np.zeros((len(self._bodies), 13))
         for row, handle in zip(states, self._bodies, strict=True):
             body = self._world.rigid_bodies[handle]
@@ -273,7 +274,7 @@ def _axis(rotation: Rotation) -> tuple[float, ...]:
 
 
 def _frame(data: mujoco.MjData, link: Link) -> tuple[Array, Rotation]:
-    """Return where a link's frame is, m, and how it is turned."""
+    """Return the position of a link's frame, m (3,), and its rotation."""
     if link.frame_is_body:
         rotation = Rotation.from_quat(data.xquat[link.frame], scalar_first=True)
         return np.array(data.xpos[link.frame]), rotation

@@ -36,10 +36,7 @@ if TYPE_CHECKING:
 PairValues = float | str | Mapping[tuple[str, str], float]
 IMPEDANCE = (0.99, 0.99, 0.001, 0.5, 2.0)  # nearly rigid: the law is followed to 1 %
 _RECOVERY_SECONDS = 0.1  # s: in which a body that rests too deep comes up
-_TARGET_ERROR, _MAX_ERROR = (
-    0.002,
-    0.02,
-)  # difference from the target restitution: sought, and accepted
+_TARGET_ERROR, _MAX_ERROR = 0.002, 0.02  # of the restitution: sought, and accepted
 _MAX_TRIALS = 6
 _MAX_PAIRS = 20_000  # of geoms with a separate law
 _MIN_FRICTION = 1e-5  # of MuJoCo's friction
