@@ -78,7 +78,7 @@ def test_a_library_of_other_sources_or_systems_is_warned_of(
 ) -> None:
     other, reason = {
         "fingerprint": (lambda: 1, "other sources"),
-        "TARGETS": ({}, "none for"),
+        "TARGETS": ({}, "no library for"),
         "SIGNATURES": ({"not_there": " i"}, "other sources"),
     }[name]
     monkeypatch.setattr(binding if name == "SIGNATURES" else build, name, other)

@@ -103,9 +103,9 @@ class Roughness:
         return _load_finish(require_known(name, roughnesses(), "roughness"))
 
     @classmethod
-    def of(cls, source: str | Roughness) -> Roughness:
+    def of(cls, given: str | Roughness) -> Roughness:
         """Return a finish given by name or as it is."""
-        return cls.named(source) if isinstance(source, str) else source
+        return cls.named(given) if isinstance(given, str) else given
 
     @property
     def finest(self) -> float:
