@@ -173,7 +173,7 @@ def test_expanded_gains_sound_the_same() -> None:
         track = Given(force, each.gains.at(contact.point[None], contact.direction[None])[0, 0])
         outputs = each.gains.toward(np.array([[1.0, 0, 0]]))[:, 0]
         driven = DrivenBody(model=each, outputs=outputs, actions=[track], sample_rate=48000)
-        sounds.append(driven.samples(0.2, at_least=0.0)[0])
+        sounds.append(driven.samples(0.2, min_seconds=0.0)[0])
     assert decibels(sounds[0] - sounds[1], sounds[0]) <= -200
 
 

@@ -118,7 +118,7 @@ def driven(model: ModalModel, actions: list, seconds: float) -> Array:
         actions=actions,
         sample_rate=RATE,
     )
-    return body.samples(seconds, at_least=0.0)[0]
+    return body.samples(seconds, min_seconds=0.0)[0]
 
 
 @pytest.mark.parametrize("shape", ["half-sine", "hertz", "gaussian"])

@@ -287,9 +287,9 @@ def pressure_mean(phases: Array) -> Array:
 
 
 def patch_mean(radii: Array) -> Array:
-    """Return the mean of a layer over a Hertz contact, by the logarithm of its radius.
+    """Return the rms of a layer's mean over a Hertz contact, relative to that of the layer.
 
-    Radii are in spacings of the layer.
+    `radii` are logarithms of the radius of contact in spacings of the layer.
     """
     return np.interp(radii, *_patch_mean())
 

@@ -317,7 +317,7 @@ class Touching:
     def _find_surface_points(self, points: Array, distances: Array) -> Array:
         """Return the points of the surface in contact, m (K, 3).
 
-        They are those of the updates where these move.
+        They move with the updates.
 
         If a point rests while the speed is not 0, the surface moves past it: the point of the
         surface advances by `distances`, m (K,), along the x axis.

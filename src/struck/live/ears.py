@@ -41,7 +41,7 @@ class EarsMemory(ctypes.Structure):
 
 
 class Course:
-    """Poses of a body or listener over time, added while it sounds, with even motion between.
+    """Poses of a body or listener over time, added while it sounds, with uniform motion between.
 
     The feeder's thread alone adds to them.
     """
