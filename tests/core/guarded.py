@@ -145,7 +145,7 @@ def install(*, last: bool) -> GuardedLibrary:
 
     binding.entry.cache_clear()
     binding.library = lambda: guarded
-    resonators.laid_out = laid_out
+    resonators.lay_out = laid_out
     return guarded
 
 

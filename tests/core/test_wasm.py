@@ -80,7 +80,7 @@ def made() -> tuple[wasmtime.Store, wasmtime.Module]:
 @pytest.fixture
 def page(made: tuple[wasmtime.Store, wasmtime.Module], monkeypatch: pytest.MonkeyPatch) -> Page:
     """Return the core of the page, which the twins in Python call from now on."""
-    page, laid_out = Page(*made), resonators.laid_out
+    page, laid_out = Page(*made), resonators.lay_out
 
     def laid_out_there(*counts: Any, **sizes: int) -> tuple[Array, ...]:  # noqa: ANN401
         return tuple(page.placed(array) for array in laid_out(*counts, **sizes))
@@ -88,7 +88,7 @@ def page(made: tuple[wasmtime.Store, wasmtime.Module], monkeypatch: pytest.Monke
     for room in (resonators, limiter, core):
         monkeypatch.setattr(room, "entry", page.entry)
     monkeypatch.setattr(resonators, "compiled", page.entry)
-    monkeypatch.setattr(resonators, "laid_out", laid_out_there)
+    monkeypatch.setattr(resonators, "lay_out", laid_out_there)
     return page
 
 
