@@ -84,6 +84,6 @@ def test_elements_of_a_closed_form_take_what_its_solid_takes() -> None:
 def test_a_simulation_takes_given_elements_as_they_are() -> None:
     """Its accuracy is one for all bodies, and chooses nothing of this one."""
     sources = SoundSources(SoundOptions(band=(20.0, 60e3), cache=False))
-    model = sources._analyzed(BLOCK, struck.Material.named("steel"), "block")
+    model = sources._analyze_shape(BLOCK, struck.Material.named("steel"), "block")
     assert isinstance(model, struck.ModalModel), model
     assert len(model.frequencies)
