@@ -83,9 +83,7 @@ class Reverberation:
         hint = "give one above 0, and finite"
         for name, column, maximum in zip(("Hz", "s"), bands.T, (1e6, _LONGEST), strict=True):
             for value in column:
-                require_number(
-                    f"reverberation in {name}", value, 0, maximum, above=True, hint=hint
-                )
+                require_number(f"reverberation in {name}", value, 0, maximum, above=True, hint=hint)
         require_number("seed", self.seed, 0, 2.0**63)
 
     def bands(self) -> Array:

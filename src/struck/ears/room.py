@@ -128,13 +128,8 @@ class Room:
             )
         if len(self.corner) != 3 or not all(map(math.isfinite, self.corner)):
             raise OptionError(f"a corner at {self.corner}: give three coordinates, m")
-<<<<<<< HEAD
         hint = f"give 0, 1, 2, ... {_MOST_ORDERS}, and leave later ones to a Reverberation"
-        require_number("order of reflections", self.order, 0, _MOST_ORDERS, whole=True, wanted=hint)
-=======
-        wanted = f"give 0, 1, 2, ... {_MOST_ORDERS}, and leave later ones to a Reverberation"
-        require_number("order of reflections", self.order, 0, _MOST_ORDERS, whole=True, hint=wanted)
->>>>>>> 804d106 (Names and texts of model, files, report, cli, batch, analysis say what things are)
+        require_number("order of reflections", self.order, 0, _MOST_ORDERS, whole=True, hint=hint)
         self.absorptions()
 
     @property
