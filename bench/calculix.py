@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from struck import Material
 from struck.report.gallery import bird
 from struck.solids import VolumeMesh
-from struck.solids.filling.filling import filled
+from struck.solids.filling.filling import fill_body
 from struck.solids.surface.distance import FilledBody
 
 MISSING = "CalculiX is not here (no ccx on PATH): on Debian, apt-get install calculix-ccx"
@@ -60,7 +60,7 @@ def kept() -> tuple[VolumeMesh, NDArray[np.float64]]:
 
 def keep() -> None:
     """Ask CalculiX for what `kept` returns: a coarse mesh, so that the file stays small."""
-    mesh = replace(filled(FilledBody(mesh=bird(), wall=0.0063), "preview").mesh, cubic=False)
+    mesh = replace(fill_body(FilledBody(mesh=bird(), wall=0.0063), "preview").mesh, cubic=False)
     with tempfile.TemporaryDirectory() as folder:
         found = frequencies(mesh, Material.named("ceramic"), COUNT, Path(folder))
     elements = mesh.elements.astype(np.int32)

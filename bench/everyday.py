@@ -34,7 +34,7 @@ import struck
 from struck import Material
 from struck.errors import StruckError
 from struck.solids import VolumeMesh
-from struck.solids.fem.error_estimates import ALONE
+from struck.solids.fem.error_estimates import SINGLE_MESH_FACTOR
 from struck.solids.surface.distance import FilledBody
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -181,7 +181,7 @@ def residuals(mesh: VolumeMesh, name: str, highest: float) -> list[float]:
     """Return how far each frequency on these elements is too high, by the residual of its mode."""
     # Frequencies are CalculiX's to six digits, as the elements are the same.
     model = struck.analyze(mesh, MATERIALS[name], band=(20, highest), cache=False)
-    return np.round(model.errors[:COUNT] / ALONE, 6).tolist()
+    return np.round(model.errors[:COUNT] / SINGLE_MESH_FACTOR, 6).tolist()
 
 
 def compare(name: str, accuracy: str) -> str:

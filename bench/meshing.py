@@ -29,7 +29,7 @@ from struck import Mesh
 from struck.files.meshes import load_body
 from struck.report.gallery import bird
 from struck.solids.filling import filling
-from struck.solids.lattice import stuffed
+from struck.solids.lattice import stuff_body
 from struck.solids.surface.distance import FilledBody
 
 Array = NDArray[np.float64]
@@ -98,7 +98,7 @@ def as_tetrahedra(job: Job, spacing: float) -> Run:
 
     def work() -> tuple[Array, Index]:
         body = FilledBody(mesh=job.faces)
-        mesh = stuffed(body.depths, body.bounds, spacing)
+        mesh = stuff_body(body.depths, body.bounds, spacing)
         return mesh.nodes, mesh.elements
 
     return timed(work)
@@ -106,11 +106,11 @@ def as_tetrahedra(job: Job, spacing: float) -> Run:
 
 def checked(job: Job, nodes: float) -> Run:
     """Go the whole way from the outer face, beginning with about so many quadratic nodes."""
-    goal = replace(filling.ACCURACIES["fine"], nodes=int(nodes), most=300_000)
+    goal = replace(filling.ACCURACIES["fine"], nodes=int(nodes), max_nodes=300_000)
     filling.ACCURACIES = {**filling.ACCURACIES, "fine": goal}
 
     def work() -> tuple[Array, Index]:
-        mesh = filling.filled(FilledBody(mesh=job.outer, wall=job.wall), "fine").mesh
+        mesh = filling.fill_body(FilledBody(mesh=job.outer, wall=job.wall), "fine").mesh
         numbers, local = np.unique(mesh.corners, return_inverse=True)
         return mesh.nodes[numbers], local.reshape(-1, 4)
 
@@ -124,7 +124,7 @@ def job_of(path: str | None, size: float, wall: float) -> Job:
     """Return the bird, or the body of a file scaled to `size`, with its wall, m."""
     outer = bird() if path is None else load_body(path, size=size).mesh
     body = FilledBody(mesh=outer, wall=wall)
-    faces, _ = stuffed(body.depths, body.bounds, _FINENESS * wall, outer.up).surface()
+    faces, _ = stuff_body(body.depths, body.bounds, _FINENESS * wall, outer.up).surface()
     return Job(outer=outer, wall=wall, faces=faces)
 
 

@@ -20,7 +20,7 @@ import numpy as np
 import struck
 from struck.model.gains import ShapeGains
 from struck.radiation import RadiatedPower
-from struck.radiation.boundary_elements import solved
+from struck.radiation.boundary_elements import solve_field
 from struck.radiation.multipoles import Multipoles
 from struck.radiation.sound_field import FieldPlan, fields_of
 from struck.solids import Block
@@ -45,7 +45,7 @@ def solving() -> float:
     """Return the processor time of a solution on 1,152 triangles, s."""
     mesh = bodies.bowl(0.06, 0.004, 24, 12)
     velocities = np.random.default_rng(0).standard_normal((len(mesh.faces), 2))
-    return best(lambda run: solved(mesh, 20.0 + run, velocities, np.arange(2)))
+    return best(lambda run: solve_field(mesh, 20.0 + run, velocities, np.arange(2)))
 
 
 def listening() -> float:
@@ -120,7 +120,7 @@ def beside_bempp() -> None:
     by_bempp(mesh, flows, 2.0)
     theirs = best(lambda run: by_bempp(mesh, flows, 2.0 + 0.1 * run))
     column, every = flows[:, None], np.arange(1)
-    ours = best(lambda run: solved(mesh, 2.0 + 0.1 * run, column, every))
+    ours = best(lambda run: solve_field(mesh, 2.0 + 0.1 * run, column, every))
     print(f"bempp-cl {theirs:.3f} s, struck {ours:.4f} s: {theirs / ours:.0f} times")
 
 

@@ -132,7 +132,7 @@ def stages(case: Case, path: Path) -> tuple[str, dict[str, Cost]]:
     most = dict.fromkeys(("most", "thin", "crowded"), 200_000)
     goal = filling.Accuracy(nodes=case.asked, error=1.0, **most)
     filling.ACCURACIES = {**filling.ACCURACIES, "fine": goal}
-    mesh = filling.filled(FilledBody(mesh=surface, wall=WALL), "fine")
+    mesh = filling.fill_body(FilledBody(mesh=surface, wall=WALL), "fine")
     # The contenders know quadratic displacements alone.
     mesh = replace(mesh, mesh=replace(mesh.mesh, cubic=False))
     modes = vibration_modes(mesh.mesh, MATERIAL, BAND, progress=watch)

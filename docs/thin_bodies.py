@@ -17,7 +17,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt  # the backend is chosen first
 
 from struck.solids import VolumeMesh
-from struck.solids.filling.filling import filled
+from struck.solids.filling.filling import fill_body
 from struck.solids.surface.distance import FilledBody
 from tests.physics.everyday import BODIES
 
@@ -71,7 +71,7 @@ def main() -> None:
     """Draw each body of the list at standard."""
     figure, panels = plt.subplots(2, 4, figsize=(13, 7), layout="constrained")
     for axes, name in zip(panels.flat, SHOWN, strict=True):
-        found = filled(FilledBody(mesh=BODIES[name]()), "standard")
+        found = fill_body(FilledBody(mesh=BODIES[name]()), "standard")
         draw(axes, found.mesh)
         axes.set_title(f"{name}: {found.path}, {len(found.mesh.nodes):,} nodes", fontsize=10)
         print(name, found.path, len(found.mesh.nodes), flush=True)

@@ -31,7 +31,7 @@ from struck.model.modes import Modes
 from struck.model.provenance import Provenance
 from struck.solids import Block, Tube
 from struck.solids.fem.spectrum import Solver
-from struck.solids.filling.filling import filled
+from struck.solids.filling.filling import fill_body
 from struck.solids.surface.distance import FilledBody
 
 STEEL = Material.named("steel")
@@ -93,7 +93,7 @@ def test_modes_come_back_bit_for_bit() -> None:
 def test_elements_and_fillings_come_back_bit_for_bit() -> None:
     mesh = BLOCK.volume_mesh("preview")
     assert bits(ELEMENTS.unpack(ELEMENTS.pack(mesh))) == bits(mesh)
-    filling = filled(FilledBody(mesh=Mesh(points=EGG.vertices, faces=EGG.faces)), "preview")
+    filling = fill_body(FilledBody(mesh=Mesh(points=EGG.vertices, faces=EGG.faces)), "preview")
     assert bits(FILLING.unpack(FILLING.pack(filling))) == bits(filling)
 
 

@@ -182,8 +182,8 @@ def test_where_no_band_takes_little_another_way_is_told() -> None:
     many = (60_000, 180_000)
     forecast = Forecast.of(surface, STEEL)
     way = {"coarser": coarser("standard")}
-    with pytest.raises(OptionError, match=r"8 GB: take accuracy='preview', or ask for all"):
-        forecast.require_reasonable(2_000, many, asked=False, **way)
+    with pytest.raises(OptionError, match=r"8 GB: take accuracy='preview', or request all"):
+        forecast.require_reasonable(2_000, many, requested=False, **way)
     assert "take accuracy='preview'" in forecast.require_reasonable(2_000, many, **way)
     assert "accuracy" not in forecast.require_reasonable(2_000, many)
 

@@ -7,7 +7,13 @@ import pytest
 
 from struck.errors import OptionError
 from struck.shapes import bessel_series
-from struck.shapes.bessel_series import irregular, pair, regular, series, series_slope
+from struck.shapes.bessel_series import (
+    pair,
+    series,
+    series_slope,
+    tabulate_irregular,
+    tabulate_regular,
+)
 from tests.core.agreement import EXACT, apart, golden
 
 ARGUMENTS = np.random.default_rng(1).uniform(0, 4, 12)
@@ -17,11 +23,11 @@ STEPS = (0.8, 1.0)
 def test_as_before() -> None:
     kept = golden("bessel_series")
     for step in STEPS:
-        table = regular(step, 11, 4)
+        table = tabulate_regular(step, 11, 4)
         assert apart(table[:, ::6], kept[f"table {step}"]) <= EXACT
         assert apart(series(ARGUMENTS, table), kept[f"series {step}"]) <= EXACT
         assert apart(series_slope(ARGUMENTS, table), kept[f"slope {step}"]) <= EXACT
-    assert apart(pair(ARGUMENTS.reshape(4, 3), irregular(4)), kept["pair"]) <= EXACT
+    assert apart(pair(ARGUMENTS.reshape(4, 3), tabulate_irregular(4)), kept["pair"]) <= EXACT
 
 
 @pytest.mark.parametrize("count", [1, 2, 37])

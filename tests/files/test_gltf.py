@@ -138,8 +138,8 @@ def test_strips_fans_and_triangles_without_indices_are_one_body(tmp_path: Path) 
     )
     found = load_body(path)
     assert found.mesh.volume == pytest.approx(30)
-    assert found.found == ("The file holds 1 set of points, 1 line loop beside its faces.",)
-    assert "as faces alone bound a body" in found.changed[0]
+    assert found.faults == ("The file holds 1 set of points, 1 line loop beside its faces.",)
+    assert "as faces alone bound a body" in found.changes[0]
 
 
 def test_nodes_of_one_name_are_told_apart(tmp_path: Path) -> None:

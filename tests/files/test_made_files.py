@@ -239,7 +239,7 @@ def outcome(wanted: Wanted) -> tuple[float | None, str]:
         found = load_body(wanted.path, **wanted.options)
     except StruckError as error:
         return None, str(error)
-    return found.volume_after, " ".join([*found.found, *found.changed])
+    return found.volume_after, " ".join([*found.faults, *found.changes])
 
 
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.__name__)

@@ -41,7 +41,7 @@ def test_a_scan_with_holes_is_mended() -> None:
     mended = trimesh.Trimesh(result.mesh.points, result.mesh.faces, process=False)
     assert mended.is_watertight
     assert mended.is_winding_consistent
-    assert "5 holes in the surface." in result.found
+    assert "5 holes in the surface." in result.faults
     assert 0 < len(mended.faces) - len(scan.faces) < 500
     scan.apply_scale(0.15 / scan.extents.max())
     base = [scan.centroid[0], scan.bounds[0, 1], scan.centroid[2]]

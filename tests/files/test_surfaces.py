@@ -274,9 +274,9 @@ def test_of_several_bodies_repair_takes_the_largest(tmp_path: Path) -> None:
     assert load_surface(path).volume == pytest.approx(9)
     result = load_body(path)
     assert result.mesh.volume == pytest.approx(8)
-    assert result.found == ("2 separate bodies.",)
-    assert "1 other, up to 12 % of its volume, left out: part= gives" in result.changed[0]
-    assert load_body(path, part="clapper").found == ()
+    assert result.faults == ("2 separate bodies.",)
+    assert "1 other, up to 12 % of its volume, left out: part= gives" in result.changes[0]
+    assert load_body(path, part="clapper").faults == ()
 
 
 def test_size_is_that_of_the_body_kept(tmp_path: Path) -> None:
@@ -286,7 +286,7 @@ def test_size_is_that_of_the_body_kept(tmp_path: Path) -> None:
     result = load_body(path, size=0.2)
     assert result.mesh.extent == pytest.approx(0.2, rel=1e-12)
     assert result.volume_after == pytest.approx(0.008)
-    assert result.changed == ("1 crumb removed.",)
+    assert result.changes == ("1 crumb removed.",)
 
 
 def test_parts_of_a_dirty_file_by_number(tmp_path: Path) -> None:
@@ -512,8 +512,8 @@ def test_lines_and_points_beside_faces_are_left_out_and_counted(tmp_path: Path) 
     text = f"{CUBE}\n{QUADS}\nl 1 2 3\nl 4 5\np 1 2\n"
     found = load_body(saved(tmp_path / "a.obj", text))
     assert found.mesh.volume == pytest.approx(1)
-    assert found.found == ("The file holds 2 lines, 1 point beside its faces.",)
-    assert found.changed == ("Left out: 2 lines, 1 point, as faces alone bound a body.",)
+    assert found.faults == ("The file holds 2 lines, 1 point beside its faces.",)
+    assert found.changes == ("Left out: 2 lines, 1 point, as faces alone bound a body.",)
 
 
 def test_point_cloud_has_no_triangles(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from struck import Material
 from struck.report.gallery import bird
 from struck.solids import VolumeMesh, volume_mesh
 from struck.solids.fem.vibration import vibration_modes
-from struck.solids.filling.filling import filled
+from struck.solids.filling.filling import fill_body
 from struck.solids.surface.distance import FilledBody
 
 CERAMIC = Material.named("ceramic")
@@ -30,7 +30,7 @@ with_calculix = pytest.mark.skipif(not calculix.installed(), reason=calculix.MIS
 
 @pytest.fixture(scope="module")
 def mesh() -> VolumeMesh:
-    return filled(FilledBody(mesh=bird(), wall=0.0075), nodes=_NODES).mesh
+    return fill_body(FilledBody(mesh=bird(), wall=0.0075), nodes=_NODES).mesh
 
 
 @pytest.fixture(scope="module")

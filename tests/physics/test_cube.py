@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from struck.solids import Block
 from struck.solids.fem.spectrum import Solver
 from struck.solids.fem.vibration import lowest_frequency, vibration_modes
-from struck.solids.filling.filling import filled
+from struck.solids.filling.filling import fill_body
 from struck.solids.surface.distance import FilledBody
 from struck.solids.volume_mesh import VolumeMesh
 from tests.physics.bodies import UNIT, box, grid
@@ -38,13 +38,13 @@ def check(mesh: VolumeMesh) -> None:
 
 @pytest.mark.prove
 def test_twelve_triangles_at_preview_are_as_good_as_promised_at_fine() -> None:
-    check(filled(FilledBody(mesh=box(1, 1, 1)), "preview").mesh)
+    check(fill_body(FilledBody(mesh=box(1, 1, 1)), "preview").mesh)
 
 
 @pytest.mark.prove
 @pytest.mark.parametrize("accuracy", ["standard", "fine"])
 def test_twelve_triangles(accuracy: str) -> None:
-    check(filled(FilledBody(mesh=box(1, 1, 1)), accuracy).mesh)
+    check(fill_body(FilledBody(mesh=box(1, 1, 1)), accuracy).mesh)
 
 
 def test_block_of_hexahedra() -> None:

@@ -9,8 +9,8 @@ import struck
 from struck.model.mesh import Mesh
 from struck.model.model import ModalModel
 from struck.solids.fem.vibration import vibration_modes
-from struck.solids.filling.filling import filled
-from struck.solids.hexahedra import lattice, stacked
+from struck.solids.filling.filling import fill_body
+from struck.solids.hexahedra import lattice, stack_layers
 from struck.solids.surface.distance import FilledBody
 from struck.solids.volume_mesh import VolumeMesh
 from tests.physics import everyday
@@ -32,7 +32,7 @@ def hexahedra(along: int, through: int) -> VolumeMesh:
     inner = np.sign(shares) * (1 - (1 - np.abs(shares)) ** 1.6) * (EDGE / 2 - WALL)
     wall = np.linspace(EDGE / 2 - WALL, EDGE / 2, 2 * through + 1)
     levels = np.concatenate([-wall[:0:-1], inner, wall[1:]])
-    nodes, elements = stacked(lattice(levels, levels), levels)
+    nodes, elements = stack_layers(lattice(levels, levels), levels)
     middles = np.abs(nodes[elements[:, :8]].mean(axis=1)).max(axis=1)
     used, numbers = np.unique(elements[middles > EDGE / 2 - WALL], return_inverse=True)
     return VolumeMesh(nodes=nodes[used], elements=numbers.reshape(-1, 20), kind="hex20")
@@ -43,8 +43,8 @@ def analyzed(accuracy: str) -> ModalModel:
 
 
 def test_one_face_with_a_wall_is_the_body_of_both_faces() -> None:
-    one = filled(FilledBody(mesh=outside(), wall=WALL), "preview").mesh
-    both = filled(FilledBody(mesh=everyday.hollow_cube()), "preview").mesh
+    one = fill_body(FilledBody(mesh=outside(), wall=WALL), "preview").mesh
+    both = fill_body(FilledBody(mesh=everyday.hollow_cube()), "preview").mesh
     assert one.cubic
     assert len(one.elements) == pytest.approx(len(both.elements), rel=0.05)
     for mesh in (one, both):

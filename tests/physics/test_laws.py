@@ -18,7 +18,7 @@ from struck.solids.fem.factorisation import factorise
 from struck.solids.fem.lanczos import rigid_motions
 from struck.solids.fem.spectrum import Solver
 from struck.solids.fem.vibration import vibration_modes
-from struck.solids.filling.filling import curved
+from struck.solids.filling.filling import curve_elements
 from struck.solids.lattice import cells_in
 from struck.solids.surface.distance import FilledBody
 from struck.solids.volume_mesh import linear_tetrahedra
@@ -40,7 +40,7 @@ def body(seed: int) -> VolumeMesh:
     wall = 0.3 * np.ptp(surface.bounds, axis=0).min() if seed % 3 == 2 else None
     filling = FilledBody(mesh=surface, wall=wall)
     spacing = surface.extent / 4 if wall is None else 0.75 * wall
-    mesh, _ = curved(cells_in(filling.depths, filling.bounds, spacing), filling.onto)
+    mesh, _ = curve_elements(cells_in(filling.depths, filling.bounds, spacing), filling.onto)
     return mesh
 
 

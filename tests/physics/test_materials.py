@@ -10,7 +10,7 @@ import pytest
 import struck
 from struck import Material
 from struck.solids import Block, Tube, VolumeMesh
-from struck.solids.filling.filling import filled
+from struck.solids.filling.filling import fill_body
 from struck.solids.surface.distance import FilledBody
 from tests.physics.bodies import ball
 
@@ -18,7 +18,7 @@ STEEL, GLASS = Material.named("steel"), Material.named("glass")
 
 
 def _shell() -> VolumeMesh:
-    return filled(FilledBody(mesh=ball(0.05), wall=0.004), "preview").mesh
+    return fill_body(FilledBody(mesh=ball(0.05), wall=0.004), "preview").mesh
 
 
 BODIES = {
@@ -26,7 +26,7 @@ BODIES = {
     "bar": (Block(size=(0.3, 0.03, 0.005), elements=(24, 3, 1)), 12_000.0),
     "plate": (Block(size=(0.3, 0.3, 0.005), elements=(12, 12, 1)), 3_000.0),
     "hollow sphere": (_shell, 20_000.0),
-    "solid sphere": (lambda: filled(FilledBody(mesh=ball(0.05)), "preview").mesh, 45_000.0),
+    "solid sphere": (lambda: fill_body(FilledBody(mesh=ball(0.05)), "preview").mesh, 45_000.0),
 }
 
 

@@ -9,8 +9,8 @@ import struck
 from struck.errors import MeshError, RepairWarning
 from struck.model.mesh import Mesh
 from struck.solids.fem.vibration import vibration_modes
-from struck.solids.filling.thin_walls import with_both_faces
-from struck.solids.hexahedra import divided, lattice, merged, stacked
+from struck.solids.filling.thin_walls import add_both_faces
+from struck.solids.hexahedra import divide_breaks, lattice, merge_meshes, stack_layers
 from struck.solids.surface.closedness import require_closed
 from struck.solids.surface.distance import WalledSheet
 from struck.solids.volume_mesh import VolumeMesh
@@ -50,17 +50,19 @@ def strip(length: int = 120, width: int = 14) -> Mesh:
 
 def hexahedra(length: int, width: int) -> VolumeMesh:
     whole = np.array([-0.5, 0.5])
-    nodes, cells = stacked(
-        lattice(divided(np.pi * (1 + 2 * whole), length), divided(WIDTH * whole, width)),
-        divided(WALL * whole, 1),
+    nodes, cells = stack_layers(
+        lattice(
+            divide_breaks(np.pi * (1 + 2 * whole), length), divide_breaks(WIDTH * whole, width)
+        ),
+        divide_breaks(WALL * whole, 1),
     )
-    nodes, cells = merged([around(*nodes.T)], [cells])
+    nodes, cells = merge_meshes([around(*nodes.T)], [cells])
     return VolumeMesh(nodes=nodes, elements=cells, kind="hex20")
 
 
 def test_its_wall_has_one_face_that_is_closed() -> None:
     sheet = strip()
-    body = with_both_faces(WalledSheet(mesh=sheet, wall=WALL))
+    body = add_both_faces(WalledSheet(mesh=sheet, wall=WALL))
     assert body is not None
     require_closed(body.mesh)
     assert body.mesh.volume == pytest.approx(hexahedra(40, 4).volume(), rel=3e-3)
@@ -76,7 +78,7 @@ def _rim() -> tuple[Array, Array, Array]:
 
 def test_a_wall_that_crosses_itself_is_refused() -> None:
     with pytest.raises(MeshError, match=r"crosses itself: give less wall="):
-        with_both_faces(WalledSheet(mesh=strip(), wall=0.2))
+        add_both_faces(WalledSheet(mesh=strip(), wall=0.2))
 
 
 @pytest.mark.prove

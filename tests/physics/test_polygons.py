@@ -17,9 +17,9 @@ from skfem.helpers import dot, grad
 
 from struck import Material
 from struck.shapes import PolygonMembrane
-from struck.shapes.particular_solutions import Trial, refined
+from struck.shapes.particular_solutions import Trial, refine
 from struck.shapes.polygon import plan_of
-from struck.shapes.polygon_membrane import _all, _candidates
+from struck.shapes.polygon_membrane import _candidates, _refine_all
 from struck.shapes.shape import Vibration
 
 Array = NDArray[np.float64]
@@ -91,7 +91,7 @@ def test_waves_of_many_periods_are_refined_to_the_end(offset: float) -> None:
     exact = np.pi**2 * (24**2 + 24**2)
     corners = np.array([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)], float)
     trial = Trial(next(_candidates(plan_of(corners), 1.05 * exact**0.5)))
-    (found,) = refined(trial, exact * (1 + offset), 1, 1e-8)
+    (found,) = refine(trial, exact * (1 + offset), 1, 1e-8)
     assert found.value == pytest.approx(exact, rel=1e-12)
     assert found.error < 1e-11
 
@@ -115,7 +115,7 @@ def test_another_basis_gives_the_same(wide_l_shape: Vibration, count: int) -> No
     first, second, *_ = _candidates(plan_of(corners), float(np.sqrt(found[-1])))
     assert len(second.sources) > 50 > second.counts.sum()
     assert first.counts.sum() > 80 > len(first.sources)
-    again = _all(Trial(second), found * (1 + 1e-5))
+    again = _refine_all(Trial(second), found * (1 + 1e-5))
     assert [each.value for each in again] == pytest.approx(found.tolist(), rel=1e-12)
 
 

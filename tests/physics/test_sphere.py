@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 import struck
 from struck.solids.fem.vibration import vibration_modes
-from struck.solids.filling.filling import filled
+from struck.solids.filling.filling import fill_body
 from struck.solids.surface.distance import FilledBody
 from tests.physics import reference, spheres
 from tests.physics.bodies import ALUMINIUM, ball
@@ -24,7 +24,7 @@ TORSIONAL = reference.TORSIONAL[2][0]
 def frequencies(accuracy: str, highest: float, *, subdivisions: int, wall: float | None) -> Array:
     """Return the frequencies up to `highest`, all in units of c_s / R."""
     body = FilledBody(mesh=ball(RADIUS, subdivisions), wall=wall)
-    mesh = filled(body, accuracy).mesh
+    mesh = fill_body(body, accuracy).mesh
     return vibration_modes(mesh, ALUMINIUM, highest * UNIT).frequencies / UNIT
 
 

@@ -130,7 +130,7 @@ def test_added_masses_are_those_of_lamb(half: tuple[float, float, float]) -> Non
 def test_a_thin_disc_carries_the_air_of_its_closed_form() -> None:
     """8/3 rho a^3 (Lamb 1932, article 102): as of its rim, not of its ellipsoid, 3 dB more."""
     hull = Hull.of(rod(0.1, 1e-4, 96, 1))
-    assert hull.carried.max() == pytest.approx(8 / 3 * 0.1**3, rel=0.01)
+    assert hull.carried_volumes.max() == pytest.approx(8 / 3 * 0.1**3, rel=0.01)
     assert hull.half.max() == pytest.approx(0.1 * np.sqrt(5 / 4), rel=0.01)
 
 
@@ -142,7 +142,7 @@ def test_the_hull_is_what_moves_air() -> None:
     assert hull.volume == pytest.approx(6e-6)
     assert hull.half == pytest.approx(np.sqrt(5 / 12) * np.array([0.01, 0.02, 0.03]))
     assert hull.shadows == pytest.approx([6e-4, 3e-4, 2e-4])
-    assert hull.faced == pytest.approx(2 * hull.shadows)
+    assert hull.facing_areas == pytest.approx(2 * hull.shadows)
     assert np.abs(hull.axes @ turned[:3, :3]) == pytest.approx(np.eye(3)[::-1], abs=1e-9)
     flat = Mesh(points=np.eye(3), faces=np.array([[0, 1, 2]]))
     with pytest.raises(MeshError, match="flat"):

@@ -25,7 +25,7 @@ from struck.model.arrays import Array
 from struck.model.material import AIR
 from struck.model.mesh import Mesh
 from struck.radiation import by_name
-from struck.radiation.boundary_elements import SurfaceField, Walls, joined, solved
+from struck.radiation.boundary_elements import SurfaceField, Walls, join_fields, solve_field
 from tests.radiation import bempp_numbers, bodies
 from tests.radiation.bodies import Motion, bending, bowl_mode, ovalling, swinging, upward
 
@@ -120,7 +120,7 @@ def outgoing(order: int, x: float | Array, *, slope: bool = False) -> NDArray[np
 def off_the_sphere(mesh: Mesh, ka: float, turn: Array, offset: Array) -> Array:
     """Return relative errors (5,) at 3 radii of a sphere that is turned, then moved."""
     moved = Mesh(points=mesh.points @ turn.T + offset, faces=mesh.faces)
-    field = solved(moved, ka, orders(mesh.centroids), ORDERS)
+    field = solve_field(moved, ka, orders(mesh.centroids), ORDERS)
     places = 3 * directions(1)
     heard = field.pressure(places @ turn.T + offset, ORDERS)
     ratios = np.array([outgoing(n, 3 * ka) / outgoing(n, ka, slope=True) for n in ORDERS])
@@ -175,7 +175,7 @@ def point_source(places: Array, ways: Array, k: float) -> tuple[NDArray, NDArray
 def of_complex(mesh: Mesh, k: float, velocities: NDArray, places: Array) -> NDArray:
     """Return pressures (P,) of complex normal velocities (F,)."""
     pair = np.stack([velocities.real, velocities.imag], axis=1)
-    heard = solved(mesh, k, pair, np.arange(2)).pressure(places, np.arange(2))
+    heard = solve_field(mesh, k, pair, np.arange(2)).pressure(places, np.arange(2))
     return heard[:, 0] + 1j * heard[:, 1]
 
 
@@ -212,7 +212,7 @@ def of_motion(mesh: Mesh, motion: Motion, frequency: float) -> SurfaceField:
     """Return the field of a motion of a body's points."""
     along = np.einsum("fcd,fd->f", motion(mesh.points)[mesh.faces] / 3, mesh.face_normals)
     wave_number = 2 * np.pi * frequency / AIR.sound_speed
-    return solved(mesh, wave_number, along[:, None], np.zeros(1))
+    return solve_field(mesh, wave_number, along[:, None], np.zeros(1))
 
 
 def heard_and_power(field: SurfaceField, subdivisions: int = 3) -> tuple[float, float]:
@@ -348,7 +348,7 @@ def test_a_sharp_edge_is_no_thin_wall() -> None:
     lens = Mesh(points=points, faces=ball.faces)
     walls = Walls.of(lens)
     edges = np.sqrt(lens.areas * 4 / np.sqrt(3))
-    assert np.nanmin(walls.depths / edges) < 0.1 < walls.thinnest
+    assert np.nanmin(walls.depths / edges) < 0.1 < walls.min_ratio
 
 
 def test_a_wall_of_a_twentieth_of_an_element_is_refused() -> None:
@@ -359,8 +359,8 @@ def test_a_wall_of_a_twentieth_of_an_element_is_refused() -> None:
 def test_interior_points_lie_inside_and_only_where_waves_could_stand() -> None:
     mesh = torus()
     walls = Walls.of(mesh)
-    assert walls.inside(4.0).shape == (0, 3)
-    points = walls.inside(6.0)
+    assert walls.inner_points(4.0).shape == (0, 3)
+    points = walls.inner_points(6.0)
     assert points.shape == (24, 3)
     assert mesh.locator.holds(points).all()
 
@@ -368,9 +368,9 @@ def test_interior_points_lie_inside_and_only_where_waves_could_stand() -> None:
 def test_modes_of_a_field_can_be_chosen_and_scaled() -> None:
     mesh = bodies.ball(0.1, 1)
     values = orders(mesh.centroids)
-    low = solved(mesh, 3.0, values[:, :2], np.array([4, 7]))
-    high = solved(mesh, 9.0, values[:, 2:4], np.array([8, 9]))
-    both, place = joined([low, high]), np.array([[0.3, 0.2, 0.1]])
+    low = solve_field(mesh, 3.0, values[:, :2], np.array([4, 7]))
+    high = solve_field(mesh, 9.0, values[:, 2:4], np.array([8, 9]))
+    both, place = join_fields([low, high]), np.array([[0.3, 0.2, 0.1]])
     chosen = both.chosen(np.array([9, 1, 4]), 2.0, np.array([1.0, 1.0, 3.0]))
     assert chosen is not None
     np.testing.assert_array_equal(chosen.modes, [0, 2])

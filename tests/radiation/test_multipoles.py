@@ -7,7 +7,7 @@ import pytest
 from scipy.special import spherical_jn, spherical_yn
 
 from struck.errors import OptionError
-from struck.radiation.multipoles import CLOSE, FAR, Multipoles, outgoing, sphere_rule
+from struck.radiation.multipoles import CLOSE, FAR, Multipoles, outgoing_waves, sphere_rule
 from tests.radiation.sources import RADIUS, some_sources
 
 KA = np.array([0.2, 0.5, 1.0, 2.5, 5.0, 12.0])
@@ -17,14 +17,14 @@ CENTRE = np.array([0.004, -0.002, 0.003])
 
 @pytest.fixture(scope="module")
 def waves() -> Multipoles:
-    return Multipoles.fitted(
+    return Multipoles.fit(
         SOURCES.pressure, centre=CENTRE, radius=RADIUS, wave_numbers=SOURCES.wave_numbers
     )
 
 
 def test_recurrence_against_tabulated_functions() -> None:
     x = np.array([0.01, 0.3, 2.0, 30.0])
-    for degree, found in enumerate(outgoing(24, x)):
+    for degree, found in enumerate(outgoing_waves(24, x)):
         hankel = spherical_jn(degree, x) - 1j * spherical_yn(degree, x)
         wanted = x * np.exp(1j * x) * hankel / 1j ** (degree + 1)
         np.testing.assert_allclose(found, wanted, rtol=1e-9)
@@ -85,7 +85,7 @@ def test_a_mode_of_circumferential_order_4_is_heard_below_its_degree() -> None:
         wave_numbers=octet.wave_numbers,
         modes=octet.modes,
     )
-    found = Multipoles.fitted(
+    found = Multipoles.fit(
         octet.pressure, centre=np.zeros(3), radius=RADIUS, wave_numbers=octet.wave_numbers
     )
     assert found.degrees[0] >= 4
@@ -107,7 +107,7 @@ def test_modes_in_no_part_keep_their_estimate(waves: Multipoles) -> None:
     outputs = np.array([1.0, 2.0, 3.0j])
     every = np.array([5.0, 10.0, 20.0])
     part = waves.chosen(np.array([2]), 1.0, 1.0)
-    joined = Multipoles.joined([(np.array([1]), part)], outputs, every)
+    joined = Multipoles.join([(np.array([1]), part)], outputs, every)
     place = np.array([[1.0, 1.0, 0.5]])
     np.testing.assert_allclose(joined.at(place)[0, [0, 2]], [1 / 1.5, 3.0j / 1.5])
     assert np.isnan(joined.errors[:, 0]).tolist() == [True, False, True]

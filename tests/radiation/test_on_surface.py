@@ -62,7 +62,7 @@ def test_harmonics_and_rest_make_the_whole() -> None:
     mesh = bowl(0.06, 0.004, 24, 14)
     velocities = np.random.default_rng(4).normal(size=(len(mesh.faces), 5))
     split = harmonics(mesh).split(velocities)
-    powers = np.square(split.parts).sum(axis=0) + split.rest_powers
+    powers = np.square(split.parts).sum(axis=0) + split.remainder_powers
     np.testing.assert_allclose(powers, mesh.areas @ velocities**2, rtol=1e-9)
 
 
@@ -79,5 +79,5 @@ def test_spherical_order_is_a_harmonic_and_nothing_else(order: int) -> None:
 
 def test_order_of_the_rest_is_that_of_the_rest_alone() -> None:
     mesh = ball()
-    rest = harmonics(mesh).split(5 * legendre(mesh, 1) + legendre(mesh, 16)).rest_orders
+    rest = harmonics(mesh).split(5 * legendre(mesh, 1) + legendre(mesh, 16)).remainder_orders
     assert rest[0] == pytest.approx(16, rel=0.05)  # with order 1 in its mean it would be 13

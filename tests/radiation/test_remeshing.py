@@ -8,7 +8,7 @@ import trimesh
 
 from struck.model.mesh import Mesh
 from struck.radiation.boundary_elements import Walls, edge_length
-from struck.radiation.remeshing import remeshed
+from struck.radiation.remeshing import remesh
 from tests.radiation import bodies
 
 BODIES = {
@@ -24,7 +24,7 @@ BODIES = {
 def test_a_body_stays_what_it_is(name: str) -> None:
     make, edge = BODIES[name]
     mesh = make()
-    made = remeshed(mesh, edge, float(np.nanmin(Walls.of(mesh).depths)))
+    made = remesh(mesh, edge, float(np.nanmin(Walls.of(mesh).depths)))
     before, after = (trimesh.Trimesh(each.points, each.faces) for each in (mesh, made))
     assert after.is_watertight
     assert after.is_winding_consistent
@@ -36,12 +36,12 @@ def test_a_body_stays_what_it_is(name: str) -> None:
 
 
 def test_edges_of_a_cube_stay_sharp() -> None:
-    made = remeshed(bodies.box((1, 1, 1), (8, 8, 8)), 0.25, 1.0)
+    made = remesh(bodies.box((1, 1, 1), (8, 8, 8)), 0.25, 1.0)
     assert np.allclose(np.abs(made.face_normals).max(axis=1), 1, atol=1e-9)
 
 
 def test_elements_are_no_slivers() -> None:
-    made: Mesh = remeshed(bodies.ball(1.0, 3), 0.3, 1.0)
+    made: Mesh = remesh(bodies.ball(1.0, 3), 0.3, 1.0)
     corners = made.points[made.faces]
     squares = np.square(corners - np.roll(corners, 1, axis=1)).sum(axis=(1, 2))
     assert (4 * 3**0.5 * made.areas / squares).min() > 0.3  # 1 for an equilateral triangle

@@ -20,7 +20,7 @@ from struck.model.gains import ShapeGains
 from struck.model.mesh import Mesh
 from struck.radiation import sound_field
 from struck.radiation.boundary_elements import Walls
-from struck.radiation.remeshing import remeshed
+from struck.radiation.remeshing import remesh
 from struck.radiation.sound_field import FieldPlan, fields_of, fitting_mesh, velocities_on
 from struck.solids import Block, Tube
 from tests.excitation.recordings import recorded
@@ -51,7 +51,7 @@ def test_a_field_is_computed_kept_and_taken_up_again(
     assert made.provenance.details["radiation"] == "field"
     assert told[0][0].startswith("forecast: timbre field, about ")
     assert told[-1] == ("computing the timbre field", 1.0)
-    monkeypatch.setattr(sound_field, "solved", solved_again)
+    monkeypatch.setattr(sound_field, "solve_field", solved_again)
     again = radiating(block, band, cache=tmp_path)
     place = np.array([[0.1, 0.3, -0.2]])
     np.testing.assert_array_equal(made.gains.toward(place), again.gains.toward(place))
@@ -132,10 +132,10 @@ def test_net_flux_is_that_of_the_bodys_own_surface(block: struck.ModalModel) -> 
 def test_higher_modes_get_finer_meshes_and_the_highest_none(block: struck.ModalModel) -> None:
     gains, natural = shaped(block), block.natural_frequencies
     plan = FieldPlan.of(gains, natural, (20.0, 2e4))
-    every = np.concatenate([*plan.meshed, plan.left_out])
+    every = np.concatenate([*plan.mesh_modes, plan.left_out])
     np.testing.assert_array_equal(np.sort(every), np.arange(len(natural)))
     assert list(plan.edges) == sorted(plan.edges)
-    for edge, modes in zip(plan.edges, plan.meshed, strict=True):
+    for edge, modes in zip(plan.edges, plan.mesh_modes, strict=True):
         assert (plan.wave_numbers[modes] * edge <= 1.01 * 2 * np.pi / 6).all()
     high = FieldPlan.of(gains, 40 * natural, (20.0, 1e6)).left_out
     ka = 2 * np.pi * 40 * natural / 343.21 * gains.radius
@@ -183,7 +183,7 @@ def bowl(block: struck.ModalModel) -> struck.ModalModel:
 def test_a_thin_wall_makes_the_stated_error_larger(bowl: struck.ModalModel) -> None:
     (part,) = bowl.gains.near
     told = float(str(bowl.provenance.details["field_error"]).rstrip("%")) / 100
-    assert 0.1 < Walls.of(part.mesh).thinnest < 1
+    assert 0.1 < Walls.of(part.mesh).min_ratio < 1
     np.testing.assert_allclose(told, part.errors.max(), atol=1e-3)
     assert 0.01 < told < 0.2
 
@@ -191,10 +191,10 @@ def test_a_thin_wall_makes_the_stated_error_larger(bowl: struck.ModalModel) -> N
 def test_elements_too_large_for_a_wall_are_made_smaller() -> None:
     can, wall = bodies.tube(0.05, 0.001, 0.05, 32, 8), 0.000995
     edge = wall / 0.15  # as a plan has it
-    first = remeshed(can, edge, wall)
-    assert Walls.of(first).thinnest < 0.1  # which was refused
+    first = remesh(can, edge, wall)
+    assert Walls.of(first).min_ratio < 0.1  # which was refused
     mesh = fitting_mesh(can, edge, wall)
-    assert Walls.of(mesh).thinnest >= 0.1
+    assert Walls.of(mesh).min_ratio >= 0.1
     assert len(mesh.faces) < 1.5 * len(first.faces)
 
 
@@ -209,7 +209,7 @@ def test_a_wall_that_no_elements_fit_is_named_with_two_ways_out(block: struck.Mo
     with pytest.raises(MeshError, match=said):
         fitting_mesh(thin, 0.015, 0.02)
     assert struck.render(of_surface(block, thin), struck.Strike(at=(0, 0, 0.05))).samples.any()
-    assert Walls.of(fitting_mesh(thick, 0.015, 0.02)).thinnest >= 0.1
+    assert Walls.of(fitting_mesh(thick, 0.015, 0.02)).min_ratio >= 0.1
 
 
 def test_modes_above_the_bound_are_named_one_by_one(block: struck.ModalModel) -> None:
@@ -274,11 +274,11 @@ import struck
 from struck.analysis.analysis import radiating
 from struck.radiation import sound_field
 
-solve, solves = sound_field.solved, []
+solve, solves = sound_field.solve_field, []
 def counted(**given):
     solves.append(1)
     return solve(**given)
-sound_field.solved = counted
+sound_field.solve_field = counted
 model, begun = struck.load(sys.argv[1]), time.process_time()
 def told(stage, share):
     print(stage, share, time.process_time() - begun, sep="|", flush=True)
@@ -314,7 +314,7 @@ def test_a_killed_field_is_resumed(tmp_path: Path) -> None:
     highest = 16_000.0
     model = oak_block(highest)
     plan = FieldPlan.of(shaped(model), model.natural_frequencies, (20.0, highest))
-    solutions = sum(len(list(plan.groups(modes))) for modes in plan.meshed)
+    solutions = sum(len(list(plan.groups(modes))) for modes in plan.mesh_modes)
     stored = (solutions + 1) // 2
     run = command(model, highest, tmp_path)
     with subprocess.Popen(run, stdout=subprocess.PIPE, text=True) as first:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from struck.model.material import AIR
 from struck.model.survey import from_spherical
-from struck.radiation.boundary_elements import SurfaceField, solved
+from struck.radiation.boundary_elements import SurfaceField, solve_field
 from struck.recordings.fit import fit_recordings
 from struck.recordings.takes import Take
 from tests.model.vases import HEIGHTS, RATE, listeners
@@ -44,7 +44,7 @@ def fields() -> list[SurfaceField]:
     for number, ((order, power), frequency) in enumerate(zip(MODES, FREQUENCIES, strict=True)):
         moves = heights_of(z) ** power * np.cos(order * np.arctan2(y, x)) * outward
         wave_number = 2 * np.pi * frequency / AIR.sound_speed
-        found.append(solved(skin, wave_number, moves[:, None], np.array([number])))
+        found.append(solve_field(skin, wave_number, moves[:, None], np.array([number])))
     return found
 
 

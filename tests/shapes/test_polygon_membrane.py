@@ -15,10 +15,16 @@ from skfem.helpers import dot, grad
 from struck import Material
 from struck.errors import OptionError, SolverError
 from struck.shapes import PolygonMembrane
-from struck.shapes.bessel_series import irregular, pair, regular, series, series_slope
-from struck.shapes.particular_solutions import Found, PolygonForms
-from struck.shapes.polygon import Triangulation, all_over, around, plan_of
-from struck.shapes.polygon_membrane import _merged, _proved
+from struck.shapes.bessel_series import (
+    pair,
+    series,
+    series_slope,
+    tabulate_irregular,
+    tabulate_regular,
+)
+from struck.shapes.particular_solutions import Eigenfunction, PolygonForms
+from struck.shapes.polygon import Triangulation, area_nodes, place_sources, plan_of
+from struck.shapes.polygon_membrane import _merge_groups, _prove_complete
 from struck.shapes.shape import Vibration
 from tests.shapes.test_membranes import closed
 
@@ -216,15 +222,15 @@ def test_counts_notice_modes_missing_or_doubled(
     kept = [value for i, value in enumerate(values) if i not in left_out]
     kept = sorted(kept + [values[i] for i in doubled])
     found = [
-        Found(value=value, wavenumber=value**0.5, coefficients=np.zeros(0), error=1e-6)
+        Eigenfunction(value=value, wavenumber=value**0.5, coefficients=np.zeros(0), error=1e-6)
         for value in kept
     ]
     plan = plan_of(5 * np.array(L_SHAPE.corners))
     if len(kept) == 9:  # as many as there are: what is doubled is for `_merged` to find
-        assert _proved(plan, found, 50.0, 56.7) > 50.0
+        assert _prove_complete(plan, found, 50.0, 56.7) > 50.0
     else:
         with pytest.raises(SolverError, match=f"{len(kept)} modes .* elements count 9"):
-            _proved(plan, found, 50.0, 56.7)
+            _prove_complete(plan, found, 50.0, 56.7)
 
 
 def test_groups_that_find_the_same_mode_are_merged() -> None:
@@ -232,10 +238,10 @@ def test_groups_that_find_the_same_mode_are_merged() -> None:
 
     def merged(*values: float) -> list[tuple[int, int]]:
         found = [
-            [Found(value=value, wavenumber=1.0, coefficients=np.zeros(0), error=0.0)]
+            [Eigenfunction(value=value, wavenumber=1.0, coefficients=np.zeros(0), error=0.0)]
             for value in values
         ]
-        return _merged(groups, found, rough, 1e-8)
+        return _merge_groups(groups, found, rough, 1e-8)
 
     assert merged(1.0, 2.0, 2.01, 3.0) == groups
     assert merged(1.0, 2.0, 2.0 + 1e-9, 3.0) == [(0, 1), (1, 3), (3, 4)]  # the same
@@ -249,7 +255,7 @@ def test_places_lie_inside_on_the_top() -> None:
         assert {"top", "middle", "edge", "corner"} == set(body.places)
         plan = plan_of(np.array(body.corners, float))
         flat = np.array([place[:2] for place in body.places.values()])
-        assert np.array_equal(plan.located(flat)[0], flat)
+        assert np.array_equal(plan.locate(flat)[0], flat)
         assert {place[2] for place in body.places.values()} == {0.0001}
     # As deep as any: the circle that touches two edges and the inner corner.
     assert L_SHAPE.places["top"][:2] == pytest.approx([0.2 / (1 + 0.5**0.5)] * 2, abs=0.004)
@@ -317,12 +323,12 @@ def test_angles_are_followed_around_bends() -> None:
     way = np.array([(0.5, 0.5), (4.5, 0.5), (4.5, 4.5), (1.5, 4.5), (1.5, 2.5), (2.5, 2.5)])
     shares = np.linspace(0, 1, 400)[:, None]
     path = np.vstack([a + t * (b - a) for a, b in pairwise(way) for t in shares])
-    assert np.array_equal(plan.located(path)[0], path)
+    assert np.array_equal(plan.locate(path)[0], path)
     for corner in range(len(plan.corners)):
-        radii, angles = plan.polar(corner, *plan.located(path))
+        radii, angles = plan.polar(corner, *plan.locate(path))
         assert radii == pytest.approx(np.linalg.norm(path - plan.corners[corner], axis=1))
         assert np.abs(np.diff(angles)).max() < 0.05
-    total = [np.ptp(plan.polar(c, *plan.located(path))[1]) for c in range(len(plan.corners))]
+    total = [np.ptp(plan.polar(c, *plan.locate(path))[1]) for c in range(len(plan.corners))]
     assert max(total) > 2 * np.pi
 
 
@@ -333,14 +339,14 @@ def test_angles_start_and_end_on_the_edges_of_a_corner() -> None:
         for corner in range(len(plan.corners)):
             sides = np.array([corner + 1, corner - 1]) % len(plan.corners)
             middles = (plan.corners[corner] + plan.corners[sides]) / 2
-            angles = plan.polar(corner, *plan.located(middles))[1]
+            angles = plan.polar(corner, *plan.locate(middles))[1]
             assert angles == pytest.approx([0.0, plan.angles[corner]], abs=1e-13)
 
 
 def test_nodes_integrate_over_the_plan() -> None:
     for corners in (SPIRAL, np.array(HOOK.corners), np.array(L_SHAPE.corners)):
         plan = plan_of(corners)
-        nodes = all_over(plan, 1.0)
+        nodes = area_nodes(plan, 1.0)
         a, b = corners, np.roll(corners, -1, axis=0)
         turns = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
         second = (turns @ (a[:, 0] ** 2 + a[:, 0] * b[:, 0] + b[:, 0] ** 2)) / 12
@@ -350,8 +356,8 @@ def test_nodes_integrate_over_the_plan() -> None:
 
 def test_sources_stay_outside() -> None:
     plan = plan_of(SPIRAL)
-    sources = around(plan, 0.4, 0.5, 0.1)
-    moved = plan.located(sources)[0]
+    sources = place_sources(plan, 0.4, 0.5, 0.1)
+    moved = plan.locate(sources)[0]
     assert np.linalg.norm(sources - moved, axis=1).min() > 0.3
     assert len(sources) > 200
 
@@ -360,20 +366,20 @@ def test_tables_hold_bessel_functions() -> None:
     """Against SciPy's; where x is small beside the order both are nearly 1."""
     arguments = np.linspace(0.01, 39.9, 500)
     orders = 0.8 * np.arange(1, 40)
-    found = series(arguments, regular(0.8, 39, 40))
+    found = series(arguments, tabulate_regular(0.8, 39, 40))
     factor = np.exp(gammaln(orders + 1) - orders * np.log(arguments[:, None] / 2))
     bessel, following = jv(orders, arguments[:, None]), jv(orders + 1, arguments[:, None])
     envelope = factor * np.hypot(bessel, following)
     sound = (envelope > 0) & np.isfinite(envelope)
     assert np.abs((found - factor * bessel) / envelope)[sound].max() < 3e-13
-    slope = series_slope(arguments, regular(0.8, 39, 40))
+    slope = series_slope(arguments, tabulate_regular(0.8, 39, 40))
     expected = -factor * following  # d/dx (x^-nu J_nu) = -x^-nu J_(nu + 1)
     assert np.abs((slope - expected) / envelope)[sound].max() < 3e-12
 
 
 def test_tables_hold_the_irregular_function() -> None:
     arguments = np.linspace(0.05, 59.9, 800)[:, None]
-    even, rest = pair(arguments, irregular(60))
+    even, rest = pair(arguments, tabulate_irregular(60))
     assert np.abs(even - j0(arguments)).max() < 1e-15
     assert np.abs(2 / np.pi * np.log(arguments / 2) * even + rest - y0(arguments)).max() < 3e-15
 
@@ -400,7 +406,7 @@ def test_elements_are_those_of_scikit_fem(kind: str) -> None:
         stiffness, 30, mass, sigma=0, return_eigenvectors=False, tol=1e-12
     )
     value = float(np.sort(expected)[24:26].mean())
-    found = pencil.below(value)
+    found = pencil.find_below(value)
     assert pencil.count(value) == len(found) == 25
     assert found == pytest.approx(np.sort(expected)[:25], rel=1e-9)
 

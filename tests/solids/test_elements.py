@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from struck.solids.elements import ELEMENTS, PROMOTED, Element, Quadrature
+from struck.solids.elements import ELEMENTS, QUADRATIC_KINDS, Element, Quadrature
 
 Array = NDArray[np.float64]
 KINDS = sorted(ELEMENTS)
@@ -51,7 +51,7 @@ def test_functions_reproduce_position_and_constants(kind: str) -> None:
     assert slopes == pytest.approx(np.broadcast_to(np.eye(3), slopes.shape), abs=1e-12)
 
 
-@pytest.mark.parametrize("kind", sorted(PROMOTED.values()))
+@pytest.mark.parametrize("kind", sorted(QUADRATIC_KINDS.values()))
 def test_quadratic_elements_hold_every_quadratic(kind: str) -> None:
     element, points = ELEMENTS[kind], inside(kind)
     for i, j, k in product(range(3), repeat=3):
@@ -94,7 +94,7 @@ def test_sides_look_outward_and_close(kind: str) -> None:
     assert whole == pytest.approx(np.zeros(3), abs=1e-15)
 
 
-@pytest.mark.parametrize("kind", sorted(PROMOTED.values()))
+@pytest.mark.parametrize("kind", sorted(QUADRATIC_KINDS.values()))
 def test_edges_are_those_of_the_sides(kind: str) -> None:
     element = ELEMENTS[kind]
     around = {

@@ -10,8 +10,8 @@ from struck import Mesh
 from struck.errors import MeshError
 from struck.solids import Extrusion, VolumeMesh
 from struck.solids.fem.vibration import vibration_modes
-from struck.solids.filling.filling import curved, filled, piece_count
-from struck.solids.lattice import Cells, cells_in, stuffed
+from struck.solids.filling.filling import curve_elements, fill_body, piece_count
+from struck.solids.lattice import Cells, cells_in, stuff_body
 from struck.solids.surface.distance import FilledBody
 from tests.physics.bodies import ALUMINIUM, ball, box, bumpy
 from tests.solids.shapes import dihedral_angles, face_counts, volumes
@@ -44,13 +44,13 @@ def filled_points(mesh: VolumeMesh, points: np.ndarray) -> np.ndarray:
 
 def cells_of(mesh: Mesh, wall: float | None, spacing: float, halved: int = 0) -> Cells:
     body = FilledBody(mesh=mesh, wall=wall)
-    return cells_in(body.depths, body.bounds, spacing, halved=halved)
+    return cells_in(body.depths, body.bounds, spacing, max_halvings=halved)
 
 
 @pytest.mark.prove
 def test_a_turned_angle_vibrates_as_one_of_hexahedra() -> None:
     solid = Extrusion(outline=ANGLE, height=0.05)
-    filling = filled(FilledBody(mesh=surface_of(solid)), "standard")
+    filling = fill_body(FilledBody(mesh=surface_of(solid)), "standard")
     assert filling.mesh.volume() == pytest.approx(solid.volume, rel=5e-3)
     # Themselves up to 0.12 % above those of four times as many hexahedra.
     expected = vibration_modes(solid.volume_mesh("standard"), ALUMINIUM, 23e3).frequencies
@@ -62,7 +62,7 @@ def test_a_turned_angle_vibrates_as_one_of_hexahedra() -> None:
 @pytest.mark.prove
 def test_a_slot_narrower_than_the_lattice_stays_open() -> None:
     solid = Extrusion(outline=SLOTTED, height=0.03)
-    filling = filled(FilledBody(mesh=surface_of(solid)), "standard")
+    filling = fill_body(FilledBody(mesh=surface_of(solid)), "standard")
     assert filling.spacing > RIGHT - LEFT
     assert filling.mesh.volume() == pytest.approx(solid.volume, rel=1e-2)
     across, along = np.meshgrid(np.linspace(0.012, 0.029, 9), np.linspace(0.002, 0.028, 9))
@@ -82,7 +82,7 @@ def two_balls(points: np.ndarray) -> np.ndarray:
 
 def test_two_balls_near_each_other_stay_two() -> None:
     bounds = np.array([[-2.3, -1.2, -1.2], [2.3, 1.2, 1.2]])
-    cells = cells_in(two_balls, bounds, 0.4, halved=20_000)
+    cells = cells_in(two_balls, bounds, 0.4, max_halvings=20_000)
     mesh = VolumeMesh(nodes=cells.points, elements=cells.tetrahedra, kind="tet4")
     _, counts = face_counts(cells.tetrahedra)
     assert set(counts) == {1, 2}
@@ -97,7 +97,7 @@ def test_volume_of_a_ball_converges_quadratically(spacing: float) -> None:
 
     bounds = np.array([[-0.05] * 3, [0.05] * 3])
     coarse, fine = (
-        stuffed(depths, bounds, h).volume() / (4 / 3 * np.pi * 0.05**3) - 1
+        stuff_body(depths, bounds, h).volume() / (4 / 3 * np.pi * 0.05**3) - 1
         for h in (spacing, spacing / 2)
     )
     assert coarse < fine < 0  # chords lie inside
@@ -125,9 +125,9 @@ def test_no_dihedral_angle_is_sharp(mesh: Mesh, wall: float | None, spacing: flo
 
 def test_refined_and_curved_shapes_are_bounded() -> None:
     body = FilledBody(mesh=bumpy(3), wall=0.004)
-    cells = cells_in(body.depths, body.bounds, 0.012, halved=3000)
+    cells = cells_in(body.depths, body.bounds, 0.012, max_halvings=3000)
     angles = dihedral_angles(cells.points, cells.tetrahedra)
-    mesh, short = curved(cells, body.onto)
+    mesh, short = curve_elements(cells, body.onto)
     moved = dihedral_angles(mesh.nodes, mesh.corners)
     assert short < 0.05 * len(mesh.nodes)
     assert np.percentile(angles, 1) > 12

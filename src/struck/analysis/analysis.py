@@ -40,15 +40,15 @@ from struck.radiation.added_mass import recoil_of
 from struck.solids import resolution
 from struck.solids.fem import factorisation
 from struck.solids.fem.error_estimates import (
-    ALONE,
-    LEAST_FINER,
+    MIN_WIDTH_RATIO,
+    SINGLE_MESH_FACTOR,
+    add_shape_errors,
     cut_off,
-    most_errors,
     nodes_needed,
+    quantile_error,
     residual_errors,
     stated_errors,
     times_too_wide,
-    with_shape,
 )
 from struck.solids.fem.spectrum import Solver
 from struck.solids.fem.vibration import vibration_modes, without_modes
@@ -246,7 +246,7 @@ class _Work:
                 self.highest,
                 nodes,
                 held=is_held,
-                asked=asked,
+                requested=asked,
                 recoils=self.recoils,
                 coarser=self.solver.coarser,
             )
@@ -286,21 +286,21 @@ class _Work:
         judged_modes = self._judged(elements, modes, coarse_elements, coarse_modes)
         has_improved = True
         while has_improved and (finer := self._finer(source, elements, judged_modes)):
-            coarse_elements, coarse_modes, old_error = elements, modes, most_errors(judged_modes)
+            coarse_elements, coarse_modes, old_error = elements, modes, quantile_error(judged_modes)
             elements, modes = finer, self._modes(finer.mesh, MODES, self.highest)
             judged_modes = self._judged(elements, modes, coarse_elements, coarse_modes)
-            has_improved = most_errors(judged_modes) < _MAX_ERROR_RATIO * old_error
+            has_improved = quantile_error(judged_modes) < _MAX_ERROR_RATIO * old_error
         return elements, judged_modes
 
     def _finer(self, source: Discretisation, elements: Elements, modes: Modes) -> Elements | None:
         """Return finer elements where the stated errors are far above the accuracy's."""
         if source.error is None or self.method != "quadratic":
             return None
-        times = times_too_wide(most_errors(modes), source.error)
+        times = times_too_wide(quantile_error(modes), source.error)
         finer_elements = source.finer(self.stages, elements.times * times) if times > 1 else None
         if (
             finer_elements is None
-            or elements.mesh.width() < LEAST_FINER * finer_elements.mesh.width()
+            or elements.mesh.width() < MIN_WIDTH_RATIO * finer_elements.mesh.width()
         ):
             return None
         return finer_elements
@@ -312,9 +312,9 @@ class _Work:
         finer = coarse.mesh.width() / elements.mesh.width() if coarse else 1.0
         errors = stated_errors(modes, first, finer) + elements.stiffened
         cut = cut_off(elements.outline, modes) if elements.outline else 0.0
-        errors = with_shape(errors, elements.volume_error, cut, layer=elements.mesh.cubic)
+        errors = add_shape_errors(errors, elements.volume_error, cut, layer=elements.mesh.cubic)
         judge = "the next degree of polynomials"
-        if coarse and finer >= LEAST_FINER:
+        if coarse and finer >= MIN_WIDTH_RATIO:
             judge = f"{coarse.mesh.functions} nodes beside these"
         provenance = modes.provenance.extended(references=("bank1993",), errors_by=judge)
         # A mode just beyond the band's end may truly lie below it, by as much as its neighbours.
@@ -363,7 +363,7 @@ class _Work:
         material = self.material
 
         def estimate(values: Array, vectors: Array) -> Array:
-            return ALONE * residual_errors(mesh, material, values, vectors)
+            return SINGLE_MESH_FACTOR * residual_errors(mesh, material, values, vectors)
 
         compute = partial(
             vibration_modes,

@@ -19,16 +19,16 @@ from struck.model.provenance import Provenance
 from struck.solids.filling.filling import (
     Filling,
     accuracy_named,
-    filled,
-    filled_coarsely,
+    fill_body,
+    fill_body_coarsely,
     nodes_allowed,
     nodes_expected,
 )
 from struck.solids.resolution import ACCURACIES as ACCURACY_NAMES
 from struck.solids.surface.closedness import require_closed
 from struck.solids.surface.distance import FilledBody, WalledSheet
-from struck.solids.surface.repair import Repair, repaired, require_holes
-from struck.solids.volume_mesh import PROMOTED, VolumeMesh
+from struck.solids.surface.repair import Repair, repair_mesh, require_holes
+from struck.solids.volume_mesh import QUADRATIC_KINDS, VolumeMesh
 
 SURFACE: Stage[Repair] = holding("surface", Repair, Mesh)
 ELEMENTS: Stage[VolumeMesh] = holding("elements", VolumeMesh)
@@ -109,7 +109,7 @@ class GivenElements:
     @property
     def nodes(self) -> Sequence[float]:
         """Number of nodes, once elements are quadratic."""
-        return [len(self.mesh.nodes) * (_PROMOTED if self.mesh.kind in PROMOTED else 1.0)]
+        return [len(self.mesh.nodes) * (_PROMOTED if self.mesh.kind in QUADRATIC_KINDS else 1.0)]
 
     def coarse(self, _stages: Stages, /) -> Elements | None:
         """Return None: there is no second set."""
@@ -176,7 +176,10 @@ class StructuredSolid:
 
     def _most(self, times: float, stages: Stages) -> Elements:
         """Return elements of `times` the first counts, as far as the accuracy allows."""
-        while times > 1 and self._count(self.accuracy, times) > accuracy_named(self.accuracy).most:
+        while (
+            times > 1
+            and self._count(self.accuracy, times) > accuracy_named(self.accuracy).max_nodes
+        ):
             times = max(1.0, times / _STEP)
         return self._at(self.accuracy, times, stages)
 
@@ -237,7 +240,7 @@ class FilledSurface:
     def coarse(self, stages: Stages, /) -> Elements | None:
         """Return elements with about a third of the nodes, if they can resolve the body."""
         fillings = stages.get_or_compute(
-            COARSE, lambda: filled_coarsely(self._body, self.accuracy), **self._inputs
+            COARSE, lambda: fill_body_coarsely(self._body, self.accuracy), **self._inputs
         )
         return self._elements(fillings[0]) if fillings else None
 
@@ -246,7 +249,7 @@ class FilledSurface:
         nodes = nodes_allowed(self.accuracy, nodes)
         filling = stages.get_or_compute(
             FILLING,
-            lambda: filled(self._body, self.accuracy, nodes=nodes),
+            lambda: fill_body(self._body, self.accuracy, nodes=nodes),
             nodes=nodes,
             **self._inputs,
         )
@@ -298,11 +301,11 @@ class FilledSurface:
 
 
 def _repair_details(repair: Repair) -> dict[str, object]:
-    if not repair.found:
+    if not repair.faults:
         return {}
     return {
-        "found": " ".join(repair.found),
-        "repaired": " ".join(repair.changed),
+        "found": " ".join(repair.faults),
+        "repaired": " ".join(repair.changes),
         "volume_before": repair.volume_before,
         "volume_after": repair.volume_after,
     }
@@ -389,7 +392,7 @@ def _load(
         mesh = mesh_of(body, units=file.units, size=file.size, up=file.up)
     if mesh is not None:
         mesh = mesh if file.part is None else part_of(mesh, file.part, file.size)
-        return repaired(mesh, wall=wall, holes=holes) if repair else _unrepaired(mesh)
+        return repair_mesh(mesh, wall=wall, holes=holes) if repair else _unrepaired(mesh)
     raise MeshError(
         f"{type(body).__name__} is no body: give a path, a solid, a Mesh, (vertices, faces), or an "
         "object of trimesh (of a Scene its .to_mesh()), Open3D or PyVista"
@@ -419,7 +422,7 @@ def _unrepaired(mesh: Mesh) -> Repair:
 
 def _warn_of(body: Source, repair: Repair) -> None:
     """Warn of the faults of a surface and the changes that mended it."""
-    if repair.found:
+    if repair.faults:
         name = f"{body}" if isinstance(body, str | os.PathLike) else "the mesh"
-        findings, changes = " ".join(repair.found), " ".join(repair.changed)
+        findings, changes = " ".join(repair.faults), " ".join(repair.changes)
         warnings.warn(f"{name}: {findings} {changes}", RepairWarning, stacklevel=4)

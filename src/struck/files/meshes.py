@@ -31,8 +31,14 @@ from struck.model.mesh import Arrays, Mesh, indices
 from struck.model.mesh_topology import bodies, submesh
 from struck.solids.elements import ELEMENTS
 from struck.solids.surface.closedness import crossings, is_closed, require_closed, winding
-from struck.solids.surface.repair import DEBRIS, Repair, largest_of, repaired, require_holes
-from struck.solids.surface.welding import lines, sewn
+from struck.solids.surface.repair import (
+    DEBRIS_FRACTION,
+    Repair,
+    largest_of,
+    repair_mesh,
+    require_holes,
+)
+from struck.solids.surface.welding import find_lines, sew
 from struck.solids.volume_mesh import VolumeMesh
 
 _UP = {"obj": "y", "gltf": "y", "glb": "y", "stl": "z", "ply": "z", "off": "z"}
@@ -70,7 +76,7 @@ def load_mesh(
     with _named(path):
         contents = read_contents(path)
         body = _one_body(contents.parts, part)
-        flat = lines(body)
+        flat = find_lines(body)
         if flat.any() and is_closed(body):
             raise MeshError(
                 f"{np.count_nonzero(flat)} of its {len(flat)} faces have no area and hold the "
@@ -265,15 +271,15 @@ def load_body(
     require_holes(holes, wall)
     surface, extras = _read_surface(Path(path), units, size, part, up)
     with _named(Path(path)):
-        result = repaired(surface, wall=wall, holes=holes)
+        result = repair_mesh(surface, wall=wall, holes=holes)
         if size is not None and abs(result.mesh.extent / size - 1) > _SCALE_TOLERANCE:
             # What was left out had set the scale.
-            result = repaired(surface.scaled(size / result.mesh.extent), wall=wall, holes=holes)
+            result = repair_mesh(surface.scaled(size / result.mesh.extent), wall=wall, holes=holes)
     others = ", ".join(counted(count, kind) for kind, count in extras.items() if count)
     if others:
-        findings = (f"The file holds {others} beside its faces.", *result.found)
-        changes = (f"Left out: {others}, as faces alone bound a body.", *result.changed)
-        result = replace(result, found=findings, changed=changes)
+        findings = (f"The file holds {others} beside its faces.", *result.faults)
+        changes = (f"Left out: {others}, as faces alone bound a body.", *result.changes)
+        result = replace(result, faults=findings, changes=changes)
     return result if size is None else result.scaled(size / result.mesh.extent)
 
 
@@ -354,7 +360,7 @@ def body_names(path: str | os.PathLike[str]) -> list[str]:
             return []
         bodies, names = _bodies(parts, surfaces, surface)
         volumes = np.array([abs(body.volume) for body in bodies])
-        large_bodies = np.flatnonzero(volumes > DEBRIS * volumes.max())
+        large_bodies = np.flatnonzero(volumes > DEBRIS_FRACTION * volumes.max())
         if len(large_bodies) < 2 or len(crossings(surface)):
             return []
     return [names[index] if names else str(index) for index in large_bodies]
@@ -471,7 +477,7 @@ def _surfaces(parts: list[Part]) -> list[Mesh]:
 
 def _close(whole: Mesh) -> Mesh:
     """Return a closed surface itself, and an open one sewn together."""
-    return whole if is_closed(whole) else sewn(whole)[0]
+    return whole if is_closed(whole) else sew(whole)[0]
 
 
 def _numbered(bodies: list[Mesh]) -> dict[str, Mesh]:
@@ -556,7 +562,7 @@ def _weld(mesh: Mesh) -> Mesh:
 
 def _drop_lines(mesh: Mesh) -> Mesh:
     """Leave out faces whose corners lie on a line, where the surface is closed without them."""
-    flat = lines(mesh)
+    flat = find_lines(mesh)
     if not flat.any() or flat.all():
         return mesh
     rest = submesh(mesh, np.flatnonzero(~flat))

@@ -238,7 +238,9 @@ def _radiating() -> Kind:
             radius=number(text["radius"], "radius", 0.0, FARTHEST),
             errors=tensors["multipole_errors"],
         )
-        return RadiatingGains.over(shaped, field=field, near=_near(text["near"], tensors, kinds))
+        return RadiatingGains.with_field(
+            shaped, field=field, near=_near(text["near"], tensors, kinds)
+        )
 
     # T waves of all modes.
     waves = {

@@ -1,8 +1,8 @@
 """Recoil of a rigid body from its shape: the air that it displaces and the air that it carries.
 
-Long waves see the volume of a body and its added mass: those of its convex hull, and of the
-ellipsoid that has the hull's inertia (Lamb 1932, articles 114 and 373). Short waves see its faces,
-each of which radiates as a piston. One damped mode an axis goes from one to the other.
+The recoil in long waves depends on the volume of a body and on its added mass, which are taken from
+its convex hull and from the ellipsoid of the same inertia (Lamb 1932, articles 114 and 373). In
+short waves each face radiates as a piston. One damped mode per axis joins both limits.
 """
 
 from __future__ import annotations
@@ -19,13 +19,14 @@ from struck.model.recoil import DAMPINGS, Recoil
 
 REFERENCES = ("chadwick2012", "lamb1932")
 # Between long and short waves the shape decides: corner and damping ratio that come nearest to
-# boundary elements on ellipsoids, discs, cans and rods, by the share of the moved air in all that
-# is displaced, from a needle along its axis (0) by a ball (1/3) to a thin plate (1).
-_SHARES = (0.0, 0.3, 1 / 3, 0.5, 0.85, 1.0)
+# boundary elements on ellipsoids, discs, cans and rods, by the ratio of the carried volume to that
+# of carried and displaced air: a needle along its axis 0, a ball 1/3, a thin plate 1.
+_CARRIED_FRACTIONS = (0.0, 0.3, 1 / 3, 0.5, 0.85, 1.0)
 _DAMPINGS = (0.99, 0.72, 2**-0.5, 0.69, 0.44, 0.40)
 _CORNERS = (0.85, 1.0, 1.0, 1.0, 0.94, 0.905)
-# A body more than so many times as long as wide is damped more across, by this for each time.
-_SLENDER, _MORE = 3.5, 0.025
+# Ratio of length to width above which the damping across a body is larger, and by how much for each
+# unit of the ratio.
+_SLENDER_RATIO, _DAMPING_PER_RATIO = 3.5, 0.025
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -36,7 +37,8 @@ class Hull:
     volume: float  # m^3
     half: Array  # (3,), half-axes of the ellipsoid of the same inertia, m
     shadows: Array  # (3,), area of the shadow along each axis, m^2
-    faced: Array  # (3,), integral over the surface of the square of the normal's component, m^2
+    # (3,), integral over the surface of the square of the normal's component, m^2
+    facing_areas: Array
 
     @classmethod
     def of(cls, surface: Mesh) -> Hull:
@@ -44,45 +46,45 @@ class Hull:
         from scipy.spatial import ConvexHull, QhullError
 
         try:
-            found = ConvexHull(surface.points)
+            hull = ConvexHull(surface.points)
         except QhullError as error:
             raise MeshError("the body is flat: it has no volume that could move air") from error
-        corners = surface.points[found.simplices] - surface.points[found.vertices].mean(axis=0)
-        crossed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        areas = np.linalg.norm(crossed, axis=1) / 2
-        volumes = np.abs(np.einsum("fd,fd->f", corners[:, 0], found.equations[:, :3])) * areas / 3
-        spread = _spread(corners, volumes)
-        variances, axes = np.linalg.eigh(spread)
-        normals = np.abs(found.equations[:, :3] @ axes)
+        corners = surface.points[hull.simplices] - surface.points[hull.vertices].mean(axis=0)
+        cross_products = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        areas = np.linalg.norm(cross_products, axis=1) / 2
+        volumes = np.abs(np.einsum("fd,fd->f", corners[:, 0], hull.equations[:, :3])) * areas / 3
+        covariance = _covariance(corners, volumes)
+        variances, axes = np.linalg.eigh(covariance)
+        normals = np.abs(hull.equations[:, :3] @ axes)
         return cls(
             axes=axes.T,
-            volume=float(found.volume),
+            volume=float(hull.volume),
             half=np.sqrt(5 * variances),
             shadows=areas @ normals / 2,
-            faced=areas @ np.square(normals),
+            facing_areas=areas @ np.square(normals),
         )
 
     @property
-    def carried(self) -> Array:
-        """Volumes of air that move with it along each axis (3,), m^3.
+    def carried_volumes(self) -> Array:
+        """Volumes of air that move with the body along each axis (3,), m^3.
 
-        Lamb's, of the ellipsoid. What is flat carries air by its own shadow, not by that of the
-        ellipsoid, whose shadow is a quarter larger than a disc's.
+        They are those of the ellipsoid (Lamb). A flat body carries air in proportion to its
+        shadow, and the shadow of the ellipsoid is a quarter larger than that of a disc.
         """
         factors = lamb(self.half)
         ellipsoid = 4 / 3 * np.pi * np.prod(self.half)
         flat = np.square(factors / (1 + factors))
-        larger = self.shadows * self.half / (np.pi * np.prod(self.half))
-        return factors * ellipsoid * larger ** (1.5 * flat)
+        shadow_ratios = self.shadows * self.half / (np.pi * np.prod(self.half))
+        return factors * ellipsoid * shadow_ratios ** (1.5 * flat)
 
 
-def _spread(corners: Array, volumes: Array) -> Array:
+def _covariance(corners: Array, volumes: Array) -> Array:
     """Return the covariance (3, 3) of places in tetrahedra from the origin to faces (F, 3, 3)."""
     sums = corners.sum(axis=1)
     centre = volumes @ sums / 4 / volumes.sum()
     squares = np.einsum("f,fcd,fce->de", volumes, corners, corners)
-    every = squares + np.einsum("f,fd,fe->de", volumes, sums, sums)
-    return every / 20 / volumes.sum() - np.outer(centre, centre)
+    second_moments = squares + np.einsum("f,fd,fe->de", volumes, sums, sums)
+    return second_moments / 20 / volumes.sum() - np.outer(centre, centre)
 
 
 def lamb(half: Array) -> Array:
@@ -108,16 +110,18 @@ def recoil_of(surface: Mesh, mass: float, air: Air = AIR) -> Recoil:
         When the surface encloses no volume.
     """
     hull = Hull.of(surface)
-    moved = hull.volume + hull.carried
-    share = hull.carried / moved
+    moved_volumes = hull.volume + hull.carried_volumes
+    carried_fractions = hull.carried_volumes / moved_volumes
     # Far away, root mean square over directions, of a force that grows by 1 N/s or is 1 N.
-    levels = air.density * moved / (4 * np.pi * np.sqrt(3) * air.sound_speed * mass)
-    highest = air.impedance * np.sqrt(hull.faced / (4 * np.pi)) / mass
-    corners = np.interp(share, _SHARES, _CORNERS) * np.sqrt(highest / levels)
-    dampings = np.interp(share, _SHARES, _DAMPINGS)
-    middle, longest = np.sort(hull.half)[1:]
-    slender = max(longest / middle - _SLENDER, 0.0)
-    dampings += _MORE * slender * (hull.half < longest)
+    levels = air.density * moved_volumes / (4 * np.pi * np.sqrt(3) * air.sound_speed * mass)
+    short_wave_levels = air.impedance * np.sqrt(hull.facing_areas / (4 * np.pi)) / mass
+    corners = np.interp(carried_fractions, _CARRIED_FRACTIONS, _CORNERS) * np.sqrt(
+        short_wave_levels / levels
+    )
+    dampings = np.interp(carried_fractions, _CARRIED_FRACTIONS, _DAMPINGS)
+    half_width, half_length = np.sort(hull.half)[1:]
+    excess_ratio = max(half_length / half_width - _SLENDER_RATIO, 0.0)
+    dampings += _DAMPING_PER_RATIO * excess_ratio * (hull.half < half_length)
     return Recoil(
         axes=hull.axes,
         levels=levels,

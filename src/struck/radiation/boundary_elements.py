@@ -22,23 +22,27 @@ from struck.model.arrays import Array, Complex, Index, Single
 from struck.model.material import AIR, Air
 from struck.model.mesh import Mesh
 
-SAME = 1e-3  # share of their frequency by which modes may differ and share a factorisation
-THINNEST = 0.1  # wall over element edge: below it, the equations of both sides are too much alike
+# Relative difference of frequencies up to which modes have a factorisation in common.
+SAME_FREQUENCY = 1e-3
+# Wall over element edge; below it, the equations of both sides are nearly linearly dependent.
+MIN_WALL_RATIO = 0.1
 # Fraction of the surface that may be thinner, as at the edge of a knife. With 0.05 % of it, the far
 # pressure of a can changes by 0.04 to 0.4 %; by 2 % (ka 20) and 44 % (ka 5) for cos 4 theta motion,
-# which hardly radiates. Chosen by judgement between the two.
-_SHARP = 1e-3
-_NEAR = 2.5  # longest edges within which an element's static part is integrated in closed form
-_ROWS = 64  # places at once, so that what they take stays small beside the matrix
-_INSIDE = 24  # interior points at most
-_FREE = 1.5  # wave number times half the depth: below it nothing inside can resonate
-_DEEP = (0.2, 0.5)  # shares of the depth at which interior points lie, where no mode has its node
+# which radiates little. Chosen by judgement between the two.
+_SHARP_FRACTION = 1e-3
+# Longest edges within which the static part of an element is integrated in closed form.
+_NEAR_DISTANCE = 2.5
+_ROWS = 64  # places at a time, so that their memory stays small against that of the matrix
+_MAX_INNER_POINTS = 24  # interior points at most
+_MIN_PHASE = 1.5  # wave number times half the depth: below it nothing inside can resonate
+# Fractions of the depth at which interior points lie, where no mode has its node.
+_DEEP = (0.2, 0.5)
 _GOLDEN = (5**0.5 - 1) / 2
-_FAR = 30.0  # body's extents at which the power is summed
+_FAR_DISTANCE = 30.0  # body's extents at which the power is summed
 _DIRECTIONS = 400
 # Relative errors of the far pressure, measured on spheres, bowls, hoops and blocks (tests): of any
 # mesh, by the square of wave number times edge, and by edge over wall where the wall is thinner.
-_EVERY, _BY_WAVE, _BY_WALL = 0.02, 0.01, 0.04
+_BASE_ERROR, _WAVE_ERROR, _WALL_ERROR = 0.02, 0.01, 0.04
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,12 +60,12 @@ class BoundaryElements:
         """Return the elements of a closed surface."""
         corners = np.ascontiguousarray(mesh.points[mesh.faces])
         sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-        shares = np.full((3, 3), 1 / 6) + 0.5 * np.eye(3)
+        weights = np.full((3, 3), 1 / 6) + 0.5 * np.eye(3)
         return cls(
             mesh=mesh,
             corners=corners,
             normals=np.ascontiguousarray(mesh.face_normals.T),
-            nodes=np.ascontiguousarray(np.einsum("nc,fcd->ndf", shares, corners)),
+            nodes=np.ascontiguousarray(np.einsum("nc,fcd->ndf", weights, corners)),
             sizes=sides.max(axis=1),
         )
 
@@ -74,16 +78,16 @@ class BoundaryElements:
         """
         from struck.core import entry
 
-        compiled = entry("boundary_layers")
-        if compiled is None:
+        kernel = entry("boundary_layers")
+        if kernel is None:
             raise SolverError(
                 "boundary elements need the compiled core: install struck again, or take "
                 "radiation='power'"
             )
         singles = np.empty((len(places), len(self.sizes)), np.complex128)
-        compiled(
+        kernel(
             *(len(places), np.ascontiguousarray(places), first, len(self.sizes), self.corners),
-            *(self.normals, self.nodes, self.mesh.areas, self.sizes, wave_number, _NEAR),
+            *(self.normals, self.nodes, self.mesh.areas, self.sizes, wave_number, _NEAR_DISTANCE),
             *(doubles.shape[1], doubles, singles),
         )
         return singles
@@ -111,45 +115,50 @@ class SurfaceField:
         """
         elements = BoundaryElements.of(self.mesh)
         out = np.empty((len(points), len(modes)), np.complex128)
-        own = self.wave_numbers[modes]
-        real, imaginary = (each.T[modes].astype(np.float64) for each in self.pressures)
+        wave_numbers = self.wave_numbers[modes]
+        real, imaginary = (part.T[modes].astype(np.float64) for part in self.pressures)
         pressures = real + 1j * imaginary
-        flows = _flows(own[:, None], self.velocities.T[modes], self.air)
-        for wave_number in np.unique(own):
-            some = np.flatnonzero(own == wave_number)
+        flows = _flows(wave_numbers[:, None], self.velocities.T[modes], self.air)
+        for wave_number in np.unique(wave_numbers):
+            columns = np.flatnonzero(wave_numbers == wave_number)
 
-            def hear(rows: slice, wave_number: float = wave_number, some: Index = some) -> None:
+            def evaluate(
+                rows: slice, wave_number: float = wave_number, columns: Index = columns
+            ) -> None:
                 places = points[rows]
                 doubles = np.empty((len(places), len(self.mesh.faces)), np.complex128)
                 singles = elements.layers(places, wave_number, doubles)
-                out[rows, some] = _sums(doubles, pressures[some]) + _sums(singles, flows[some])
+                out[rows, columns] = _sums(doubles, pressures[columns]) + _sums(
+                    singles, flows[columns]
+                )
 
-            _in_threads(hear, _blocks(0, len(points)))
+            _run_in_threads(evaluate, _blocks(0, len(points)))
         return out
 
     def chosen(self, modes: Index, size: float, factor: float | Array) -> SurfaceField | None:
         """Return the field of some of the body's modes, by their places in `modes`.
 
-        The body is `size` times as large, and its shapes `factor` times; None where none is here.
+        The body is `size` times as large, and its shapes `factor` times; None if they are not in
+        the field.
         """
         places = {int(mode): place for place, mode in enumerate(self.modes)}
-        kept = [number for number, mode in enumerate(modes) if int(mode) in places]
-        if not kept:
+        mode_numbers = [number for number, mode in enumerate(modes) if int(mode) in places]
+        if not mode_numbers:
             return None
-        own = np.array([places[int(modes[number])] for number in kept])
-        factors = np.broadcast_to(np.asarray(factor, np.float32), len(modes))[kept]
+        columns = np.array([places[int(modes[number])] for number in mode_numbers])
+        factors = np.broadcast_to(np.asarray(factor, np.float32), len(modes))[mode_numbers]
         return replace(
             self,
             mesh=self.mesh if size == 1 else self.mesh.scaled(size),
-            modes=np.array(kept),
-            wave_numbers=self.wave_numbers[own] / size,
-            pressures=self.pressures[:, :, own] * factors,
-            velocities=self.velocities[:, own] * factors,
-            errors=self.errors[own],
+            modes=np.array(mode_numbers),
+            wave_numbers=self.wave_numbers[columns] / size,
+            pressures=self.pressures[:, :, columns] * factors,
+            velocities=self.velocities[:, columns] * factors,
+            errors=self.errors[columns],
         )
 
 
-def joined(fields: Sequence[SurfaceField]) -> SurfaceField:
+def join_fields(fields: Sequence[SurfaceField]) -> SurfaceField:
     """Return the field of all modes of several fields on the same mesh."""
     rows = {
         name: np.concatenate([getattr(field, name) for field in fields], axis=-1)
@@ -158,7 +167,7 @@ def joined(fields: Sequence[SurfaceField]) -> SurfaceField:
     return replace(fields[0], **rows)
 
 
-def solved(
+def solve_field(
     mesh: Mesh, wave_numbers: ArrayLike, velocities: Array, modes: Index, air: Air = AIR
 ) -> SurfaceField:
     """Return the field of modes of about one frequency by outward normal velocities (F, K).
@@ -174,7 +183,7 @@ def solved(
     velocities : array (F, K)
         Outward normal velocities at the centres for unit modal velocity, kg^-1/2.
     modes : array (K,)
-        What the modes are called in the body.
+        Numbers of the modes in the body.
     air : Air
         The medium.
 
@@ -186,53 +195,56 @@ def solved(
         Without a compiled core.
     """
     elements, walls = BoundaryElements.of(mesh), Walls.of(mesh)
-    thin = walls.thinnest
-    if thin < THINNEST:
+    wall_ratio = walls.min_ratio
+    if wall_ratio < MIN_WALL_RATIO:
         raise MeshError(
-            f"a wall is {thin:.3f} of the boundary elements on it, of {THINNEST} at least: give a "
+            f"a wall is {wall_ratio:.3f} of the boundary elements on it, of {MIN_WALL_RATIO} at "
+            f"least: give a "
             "finer mesh, or keep the estimate of radiation='power', which needs no elements"
         )
-    own = np.broadcast_to(np.asarray(wave_numbers, np.float64), len(modes)).copy()
-    mean, flows = float(own.mean()), _flows(own, velocities, air)
-    pressures = _pressures(elements, mean, flows, walls.inside(mean))
+    mode_wave_numbers = np.broadcast_to(np.asarray(wave_numbers, np.float64), len(modes)).copy()
+    mean, flows = float(mode_wave_numbers.mean()), _flows(mode_wave_numbers, velocities, air)
+    pressures = _pressures(elements, mean, flows, walls.inner_points(mean))
     field = SurfaceField(
         mesh=mesh,
         modes=np.asarray(modes, np.int64),
-        wave_numbers=own,
+        wave_numbers=mode_wave_numbers,
         pressures=np.stack([pressures.real, pressures.imag]).astype(np.float32),
         velocities=velocities.astype(np.float32),
         errors=np.zeros(len(modes)),
         air=air,
     )
     edge = edge_length(mesh)
-    stated = _EVERY + _BY_WAVE * (mean * edge) ** 2 + _BY_WALL * max(1 / thin - 1, 0)
-    return replace(field, errors=stated + _imbalances(field))
+    mesh_error = (
+        _BASE_ERROR + _WAVE_ERROR * (mean * edge) ** 2 + _WALL_ERROR * max(1 / wall_ratio - 1, 0)
+    )
+    return replace(field, errors=mesh_error + _imbalances(field))
 
 
 def _pressures(
-    elements: BoundaryElements, wave_number: float, flows: Complex, inside: Array
+    elements: BoundaryElements, wave_number: float, flows: Complex, inner_points: Array
 ) -> Complex:
     """Return the pressures (F, K) that flows (F, K) make; points (P, 3) border the equations."""
     from scipy.linalg import lu_factor, lu_solve
 
-    count, rows = len(elements.sizes), len(elements.sizes) + len(inside)
-    places = np.concatenate([elements.mesh.centroids, inside])
+    count, rows = len(elements.sizes), len(elements.sizes) + len(inner_points)
+    places = np.concatenate([elements.mesh.centroids, inner_points])
     matrix = np.empty((rows, rows), np.complex128)
-    driven = np.empty((rows, flows.shape[1]), np.complex128)
+    right_sides = np.empty((rows, flows.shape[1]), np.complex128)
 
-    def fill(some: slice) -> None:
-        own = some.start if some.stop <= count else -1
-        singles = elements.layers(places[some], wave_number, matrix[some], own)
-        driven[some] = _sums(singles, flows.T)
-        np.negative(matrix[some], out=matrix[some])
+    def fill(block: slice) -> None:
+        first_element = block.start if block.stop <= count else -1
+        singles = elements.layers(places[block], wave_number, matrix[block], first_element)
+        right_sides[block] = _sums(singles, flows.T)
+        np.negative(matrix[block], out=matrix[block])
 
-    _in_threads(fill, [*_blocks(0, count), *_blocks(count, rows)])
+    _run_in_threads(fill, [*_blocks(0, count), *_blocks(count, rows)])
     matrix[np.arange(count), np.arange(count)] += 0.5
     matrix[:count, count:] = matrix[count:, :count].conj().T
     matrix[count:, count:] = 0
-    # LAPACK reads rows as columns: what it factorises in place is the transposed matrix.
+    # LAPACK reads rows as columns, so it factorises the transposed matrix in place.
     factors = lu_factor(matrix.T, overwrite_a=True, check_finite=False)
-    return lu_solve(factors, driven, trans=1, overwrite_b=True, check_finite=False)[:count]
+    return lu_solve(factors, right_sides, trans=1, overwrite_b=True, check_finite=False)[:count]
 
 
 def _blocks(first: int, end: int) -> list[slice]:
@@ -240,13 +252,13 @@ def _blocks(first: int, end: int) -> list[slice]:
     return [slice(start, min(start + _ROWS, end)) for start in range(first, end, _ROWS)]
 
 
-def _in_threads(work: Callable[[slice], None], blocks: Sequence[slice]) -> None:
-    """Do work on blocks of rows, each on its own, on all processors."""
+def _run_in_threads(task: Callable[[slice], None], blocks: Sequence[slice]) -> None:
+    """Run a task on each block of rows, in threads on all processors."""
     if len(blocks) == 1:  # a listener that moves has no time for threads
-        work(blocks[0])
+        task(blocks[0])
         return
     with ThreadPoolExecutor(thread_count()) as threads:
-        list(threads.map(work, blocks))
+        list(threads.map(task, blocks))
 
 
 def _sums(layers: Complex, values: Complex) -> Complex:
@@ -267,7 +279,7 @@ def edge_length(mesh: Mesh) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Walls:
-    """How deep the body is below the middle of each of its elements."""
+    """Depths of the body below the centres of its elements."""
 
     mesh: Mesh
     depths: Array  # (F,), along the inward normal, m; NaN where the ray slips between two faces
@@ -275,55 +287,57 @@ class Walls:
     @classmethod
     def of(cls, mesh: Mesh) -> Walls:
         """Measure the walls of a closed surface."""
-        below = mesh.centroids - 1e-6 * np.sqrt(mesh.areas)[:, None] * mesh.face_normals
-        _, depths = mesh.locator.first_below(below, -mesh.face_normals)
+        origins = mesh.centroids - 1e-6 * np.sqrt(mesh.areas)[:, None] * mesh.face_normals
+        _, depths = mesh.locator.first_below(origins, -mesh.face_normals)
         return cls(mesh=mesh, depths=np.where(np.isfinite(depths), depths, np.nan))
 
     @property
-    def thinnest(self) -> float:
+    def min_ratio(self) -> float:
         """The least depth over the edge of the element above, edges as sharp as a knife aside."""
-        return self._thinnest()[0]
+        return self._find_thinnest()[0]
 
     @property
     def shallowest(self) -> tuple[float, Array]:
-        """Depth below the element that has the least for its edge, m, and its middle (3,), m."""
-        face = self._thinnest()[1]
+        """Depth below the element that has the least for its edge, m, and its centre (3,), m."""
+        face = self._find_thinnest()[1]
         return float(self.depths[face]), self.mesh.centroids[face]
 
-    def _thinnest(self) -> tuple[float, int]:
+    def _find_thinnest(self) -> tuple[float, int]:
         """Return the least depth over edge, and of which element; infinite where none is known."""
         areas = self.mesh.areas
-        shares = self.depths / np.sqrt(areas * 4 / np.sqrt(3))
-        order = np.argsort(np.where(np.isnan(shares), np.inf, shares), kind="stable")
-        passed = np.cumsum(areas[order]) > _SHARP * areas.sum()
-        face = int(order[np.argmax(passed)])
-        return float(np.nan_to_num(shares[face], nan=np.inf)), face
+        ratios = self.depths / np.sqrt(areas * 4 / np.sqrt(3))
+        order = np.argsort(np.where(np.isnan(ratios), np.inf, ratios), kind="stable")
+        is_counted = np.cumsum(areas[order]) > _SHARP_FRACTION * areas.sum()
+        face = int(order[np.argmax(is_counted)])
+        return float(np.nan_to_num(ratios[face], nan=np.inf)), face
 
-    def inside(self, wave_number: float) -> Array:
+    def inner_points(self, wave_number: float) -> Array:
         """Return points (P, 3) inside, far from each other, where waves could stand."""
-        deep = np.flatnonzero(self.depths / 2 * wave_number > _FREE)
+        deep = np.flatnonzero(self.depths / 2 * wave_number > _MIN_PHASE)
         if not len(deep):
             return np.zeros((0, 3))
-        shares = np.interp(np.arange(len(deep)) * _GOLDEN % 1, (0, 1), _DEEP) * self.depths[deep]
-        points = self.mesh.centroids[deep] - shares[:, None] * self.mesh.face_normals[deep]
+        insets = np.interp(np.arange(len(deep)) * _GOLDEN % 1, (0, 1), _DEEP) * self.depths[deep]
+        points = self.mesh.centroids[deep] - insets[:, None] * self.mesh.face_normals[deep]
         chosen = [0]
-        apart = np.linalg.norm(points - points[0], axis=1)
-        while len(chosen) < min(_INSIDE, len(points)):
-            chosen.append(int(np.argmax(apart)))
-            apart = np.minimum(apart, np.linalg.norm(points - points[chosen[-1]], axis=1))
+        distances = np.linalg.norm(points - points[0], axis=1)
+        while len(chosen) < min(_MAX_INNER_POINTS, len(points)):
+            chosen.append(int(np.argmax(distances)))
+            distances = np.minimum(distances, np.linalg.norm(points - points[chosen[-1]], axis=1))
         return points[chosen]
 
 
 def _imbalances(field: SurfaceField) -> Array:
-    """Return how far the power through the skin and that far away are apart (K,), in amplitude."""
+    """Return the relative differences of the amplitudes by far power and skin power (K,)."""
     steps = np.arange(_DIRECTIONS) + 0.5
     heights, angles = 1 - 2 * steps / _DIRECTIONS, 2 * np.pi * _GOLDEN * steps
     planar = np.sqrt(1 - heights**2)
-    ways = np.stack([planar * np.cos(angles), planar * np.sin(angles), heights], axis=1)
-    radius = _FAR * field.mesh.extent
-    points = field.mesh.bounds.mean(axis=0) + radius * ways
-    heard = field.pressure(points, np.arange(len(field.modes)))
-    far = 4 * np.pi * radius**2 * np.square(np.abs(heard)).mean(axis=0) / field.air.impedance
-    skin = field.mesh.areas @ (field.pressures[0].astype(np.float64) * field.velocities)
-    least = np.finfo(float).tiny
-    return np.abs(np.sqrt(np.maximum(skin, 0) / np.maximum(far, least)) - 1)
+    directions = np.stack([planar * np.cos(angles), planar * np.sin(angles), heights], axis=1)
+    radius = _FAR_DISTANCE * field.mesh.extent
+    points = field.mesh.bounds.mean(axis=0) + radius * directions
+    pressures = field.pressure(points, np.arange(len(field.modes)))
+    far_power = (
+        4 * np.pi * radius**2 * np.square(np.abs(pressures)).mean(axis=0) / field.air.impedance
+    )
+    skin_power = field.mesh.areas @ (field.pressures[0].astype(np.float64) * field.velocities)
+    tiny = np.finfo(float).tiny
+    return np.abs(np.sqrt(np.maximum(skin_power, 0) / np.maximum(far_power, tiny)) - 1)

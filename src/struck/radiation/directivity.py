@@ -16,12 +16,13 @@ from struck.model.mesh import in_space
 from struck.radiation.boundary_elements import SurfaceField, edge_length
 from struck.radiation.multipoles import CLOSE, FAR, Multipoles
 
-_SAME = 1e-9  # relative: frequencies closer than this are the same
-_CUT, _AWAY = 0.1, 1e-3  # of an element's edge: that elements cut off, and that places are off them
+_SAME_RATIO = 1e-9  # relative: frequencies closer than this are the same
+# Of an element's edge: that elements cut off, and that places are off them.
+_CUT, _CLEARANCE = (0.1, 1e-3)
 _IMPULSE = 1j  # a unit impulse leaves the modal velocity cos wt, the imaginary part of i exp(iwt)
 
 
-# A surface like any other to whoever strikes it, so that what asks for `ShapeGains` takes these.
+# A subclass, so that they are accepted wherever `ShapeGains` are.
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RadiatingGains(ShapeGains):
     """Gains of a body with its computed timbre field: each mode's own pattern in space.
@@ -31,7 +32,8 @@ class RadiatingGains(ShapeGains):
     field : Multipoles
         The sound about the centre, right from 1.5 radii on, and with larger errors from 1.2.
     near : tuple of SurfaceField
-        What tells the sound within 1.5 radii, up to the surface and into a bowl; or nothing.
+        Fields on the surface, from which the sound within 1.5 radii is computed, up to the surface
+        and into a bowl. Default: ().
 
     Raises
     ------
@@ -40,7 +42,7 @@ class RadiatingGains(ShapeGains):
 
     Notes
     -----
-    `outputs` are root mean squares over directions, for those who ask how loud a mode is. The
+    `outputs` are root mean squares over directions, a measure of how loud a mode is. The
     estimate in `radiation` takes over where frequencies change by more than the size.
     """
 
@@ -67,7 +69,7 @@ class RadiatingGains(ShapeGains):
     ) -> RadiatingGains:
         """Make gains of a body from the fields computed on its surface.
 
-        Modes in no part keep their estimate, alike on all sides.
+        Modes in no part keep their estimate, which is the same in all directions.
 
         Parameters
         ----------
@@ -87,26 +89,26 @@ class RadiatingGains(ShapeGains):
         """
         if not (gains.calibrated and parts):
             raise OptionError(
-                f"{len(parts)} computed fields beside the estimate {gains.radiation.name!r}: give "
-                "one at least, in Pa as they are: radiation='power'"
+                f"{len(parts)} computed fields for gains by {gains.radiation.name!r}: give at "
+                "least one field, and gains in Pa, as by radiation='power'"
             )
         wave_numbers = 2 * np.pi * np.asarray(frequencies, np.float64) / AIR.sound_speed
-        fitted = [
-            Multipoles.fitted(
-                each.pressure,
+        multipoles = [
+            Multipoles.fit(
+                part.pressure,
                 centre=gains.centre,
                 radius=gains.radius,
-                wave_numbers=each.wave_numbers,
+                wave_numbers=part.wave_numbers,
             )
-            for each in parts
+            for part in parts
         ]
-        pairs = [(each.modes, waves) for each, waves in zip(parts, fitted, strict=True)]
-        field = Multipoles.joined(pairs, gains.outputs / _IMPULSE, wave_numbers)
-        shaped = replace(gains, outputs=field.levels * quarter_turns(frequencies))
-        return cls.over(shaped, field=field, near=tuple(parts) if near else ())
+        pairs = [(part.modes, waves) for part, waves in zip(parts, multipoles, strict=True)]
+        field = Multipoles.join(pairs, gains.outputs / _IMPULSE, wave_numbers)
+        new_gains = replace(gains, outputs=field.levels * quarter_turns(frequencies))
+        return cls.with_field(new_gains, field=field, near=tuple(parts) if near else ())
 
     @classmethod
-    def over(
+    def with_field(
         cls, gains: ShapeGains, *, field: Multipoles, near: tuple[SurfaceField, ...] = ()
     ) -> RadiatingGains:
         """Return gains with a computed field in place of the estimate without directions."""
@@ -114,7 +116,7 @@ class RadiatingGains(ShapeGains):
 
     @property
     def averaged(self) -> ShapeGains:
-        """The same heard alike on all sides, as loud as the root mean square over directions."""
+        """Gains that are the same in all directions: the root mean square over them."""
         return ShapeGains(**_parts(self))
 
     @property
@@ -125,14 +127,15 @@ class RadiatingGains(ShapeGains):
     def changed(self, frequencies: Array, modes: Index, size: float, density: float) -> ShapeGains:
         """Return the gains of chosen `modes` of a body with other frequencies, size or density.
 
-        Where frequencies go with 1 / size the field scales; else the estimate takes its place.
+        The field is scaled if frequencies are proportional to 1 / size, else the estimate
+        replaces it.
         """
-        wanted = 2 * np.pi * frequencies * size / AIR.sound_speed
-        if not np.allclose(wanted, self.field.wave_numbers[modes], rtol=_SAME, atol=0):
+        wave_numbers = 2 * np.pi * frequencies * size / AIR.sound_speed
+        if not np.allclose(wave_numbers, self.field.wave_numbers[modes], rtol=_SAME_RATIO, atol=0):
             return super().changed(frequencies, modes, size, density)
         factor = (density * size**3) ** -0.5
         surface, shapes, centre, formula = self._moving(modes, size, density)
-        shaped = ShapeGains(
+        new_gains = ShapeGains(
             surface=surface,
             shapes=np.ascontiguousarray(shapes, np.float32),
             outputs=self.outputs[modes] * (factor * size),
@@ -140,19 +143,21 @@ class RadiatingGains(ShapeGains):
             radiation=self.radiation,
             formula=formula,
         )
-        return self._over(shaped, modes, size, factor)
+        return self._with_changed_field(new_gains, modes, size, factor)
 
     def weighted(self, modes: Index, factors: Array) -> RadiatingGains:
         """Return the gains of some modes, shapes and outputs each times a factor (K,)."""
-        return self._over(self.averaged.weighted(modes, factors), modes, 1.0, factors)
+        return self._with_changed_field(self.averaged.weighted(modes, factors), modes, 1.0, factors)
 
-    def _over(
-        self, shaped: ShapeGains, modes: Index, size: float, factor: float | Array
+    def _with_changed_field(
+        self, gains: ShapeGains, modes: Index, size: float, factor: float | Array
     ) -> RadiatingGains:
         """Return the field of some modes over shapes of another size, times a factor."""
-        near = [each.chosen(modes, size, factor) for each in self.near]
-        kept = tuple(each for each in near if each is not None)
-        return self.over(shaped, field=self.field.chosen(modes, size, factor), near=kept)
+        surface_fields = [part.chosen(modes, size, factor) for part in self.near]
+        near_fields = tuple(part for part in surface_fields if part is not None)
+        return self.with_field(
+            gains, field=self.field.chosen(modes, size, factor), near=near_fields
+        )
 
     def toward(self, listeners: Array) -> Complex:
         """Return the output at `listeners` (L, 3), relative to the arrival time r/c: (L, 1, M).
@@ -164,19 +169,22 @@ class RadiatingGains(ShapeGains):
         """
         places = in_space(listeners)
         distances = self._distances(places)
-        heard = np.zeros((len(places), self.field.count), np.complex128)
-        # Where the waves miss more than 1 %, what the surface tells takes over, little by little.
+        outputs = np.zeros((len(places), self.field.count), np.complex128)
+        # Where the waves miss more than 1 %, the field of the surface is blended in.
         reach = FAR if self.near else np.nextafter(CLOSE, 2.0)
-        share = np.clip((reach - distances / self.field.radius) / (reach - CLOSE), 0.0, 1.0)
-        far, close = share < 1, share > 0
-        if far.any():
-            heard[far] = _IMPULSE * self.field.at(places[far] - self.centre)
-        if close.any():
-            more = self._near(places[close], distances[close]) - heard[close]
-            heard[close] += share[close, None] * more
-        return heard[:, None]
+        weights = np.clip((reach - distances / self.field.radius) / (reach - CLOSE), 0.0, 1.0)
+        is_far, is_close = weights < 1, weights > 0
+        if is_far.any():
+            outputs[is_far] = _IMPULSE * self.field.at(places[is_far] - self.centre)
+        if is_close.any():
+            difference = (
+                self._outputs_near_surface(places[is_close], distances[is_close])
+                - outputs[is_close]
+            )
+            outputs[is_close] += weights[is_close, None] * difference
+        return outputs[:, None]
 
-    def _near(self, places: Array, distances: Array) -> Complex:
+    def _outputs_near_surface(self, places: Array, distances: Array) -> Complex:
         """Return the output at places (L, 3) near the surface, relative to the arrival: (L, M)."""
         if not self.near:
             raise ContactError(
@@ -185,26 +193,26 @@ class RadiatingGains(ShapeGains):
                 "away, or compute the field with near=True, which keeps the pressure on the "
                 "surface as well"
             )
-        nearest = min(self.surface.reach, self.radius)
-        heard = self.outputs / np.maximum(distances, nearest)[:, None]
+        min_distance = min(self.surface.reach, self.radius)
+        outputs = self.outputs / np.maximum(distances, min_distance)[:, None]
         for part in self.near:
             arrivals = np.exp(1j * np.multiply.outer(distances, part.wave_numbers))
-            every = np.arange(len(part.modes))
-            heard[:, part.modes] = (
-                _IMPULSE * part.pressure(_outside(part, places), every) * arrivals
+            all_modes = np.arange(len(part.modes))
+            outputs[:, part.modes] = (
+                _IMPULSE * part.pressure(_move_outside(part, places), all_modes) * arrivals
             )
-        return heard
+        return outputs
 
 
-def _outside(part: SurfaceField, places: Array) -> Array:
+def _move_outside(part: SurfaceField, places: Array) -> Array:
     """Return places (L, 3) moved out of the elements, which cut corners of the body's surface.
 
     Raises ContactError where one is deeper in them: so it is in a cavity that is closed.
     """
-    within = part.mesh.locator.holds(places)
-    if not within.any():
+    is_inside = part.mesh.locator.holds(places)
+    if not is_inside.any():
         return places
-    distances, faces, closest = part.mesh.locator.closest(places[within])
+    distances, faces, surface_points = part.mesh.locator.closest(places[is_inside])
     edge = edge_length(part.mesh)
     if distances.max() > _CUT * edge:
         raise ContactError(
@@ -212,11 +220,11 @@ def _outside(part: SurfaceField, places: Array) -> Array:
             f"field, and {rounded(_CUT * edge, 2)} m at most is near their surface: it is in a "
             "cavity of the body that is closed, so move it out"
         )
-    moved = places.copy()
-    moved[within] = closest + _AWAY * edge * part.mesh.face_normals[faces]
-    return moved
+    new_places = places.copy()
+    new_places[is_inside] = surface_points + _CLEARANCE * edge * part.mesh.face_normals[faces]
+    return new_places
 
 
 def _parts(gains: ShapeGains) -> dict[str, Any]:
     """Return the modes' shapes and all else of which gains are made."""
-    return {each.name: getattr(gains, each.name) for each in fields(ShapeGains)}
+    return {field.name: getattr(gains, field.name) for field in fields(ShapeGains)}

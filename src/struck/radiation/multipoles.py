@@ -18,11 +18,12 @@ from struck.errors import OptionError
 from struck.model.arrays import Array, Complex, Index, checked, require_numbers
 from struck.model.waves import degrees, real_harmonics
 
-HIGHEST = 24  # the largest degree of waves
+MAX_DEGREE = 24  # the largest degree of waves
 FAR, CLOSE = 1.5, 1.2  # radii: waves are fitted at the first, and tried at both
-_LOST = 1e-4  # share of the mean square at `FAR` that waves of higher degrees may have
-_ROUNDS = (16, HIGHEST)  # degrees of the samples, so that what they miss folds onto none of the low
-_TRIED = 12  # degree of the places at which waves are tried
+_MAX_LOSS = 1e-4  # fraction of the mean square at `FAR` that waves of higher degrees may have
+# Degrees of the samples, chosen so that aliases spare low degrees.
+_ROUNDS = (16, MAX_DEGREE)
+_TEST_DEGREE = 12  # degree of the places at which waves are tried
 
 # From places (P, 3), m, and numbers of modes (K,): (P, K), Pa for unit modal velocity.
 Pressure = Callable[[Array, Index], Complex]
@@ -38,15 +39,15 @@ class Multipoles:
     wave_numbers : array (M,)
         1/m.
     degrees : array of int (M,)
-        The highest degree P of each mode, at most `HIGHEST`.
+        The highest degree P of each mode, at most `MAX_DEGREE`.
     amplitudes : array (T,), complex
         Of each wave far away at 1 m, Pa for a modal velocity of 1 kg^1/2 m/s: (P + 1)^2 of each
         mode, by degree, then by order from -l to l; mode after mode.
     radius : float
         Of the ball about the centre that holds the body, m.
     errors : array (M, 2)
-        What the waves miss at `FAR` and at `CLOSE` radii, over the root mean square there; falling
-        with the distance. NaN for modes that are estimated, the same in all directions.
+        Errors of the waves at `FAR` and at `CLOSE` radii, over the root mean square there; they
+        fall with the distance. NaN for modes that are estimated, the same in all directions.
 
     Raises
     ------
@@ -64,10 +65,13 @@ class Multipoles:
         count = np.shape(self.wave_numbers)[:1]
         require_numbers("wave_numbers", self.wave_numbers, count, least=0)
         require_numbers("errors", self.errors, (*count, 2), gaps=True, least=0)
-        if self.degrees.shape != count or not np.isin(self.degrees, np.arange(HIGHEST + 1)).all():
+        if (
+            self.degrees.shape != count
+            or not np.isin(self.degrees, np.arange(MAX_DEGREE + 1)).all()
+        ):
             raise OptionError(
                 f"degrees of {self.degrees.shape} modes up to {np.max(self.degrees, initial=0)}: "
-                f"give one of 0 to {HIGHEST} for each of {count[0]} modes"
+                f"give one of 0 to {MAX_DEGREE} for each of {count[0]} modes"
             )
         require_numbers("amplitudes", self.amplitudes, (int(np.square(self.degrees + 1).sum()),))
         if not 0 < self.radius < np.inf or not (self.wave_numbers > 0).all():
@@ -83,14 +87,14 @@ class Multipoles:
         """Make multipoles of the amplitudes ((P + 1)^2,) of each mode."""
         return cls(
             wave_numbers=wave_numbers,
-            degrees=np.array([round(len(each) ** 0.5) - 1 for each in waves], np.int64),
+            degrees=np.array([round(len(amplitudes) ** 0.5) - 1 for amplitudes in waves], np.int64),
             amplitudes=np.concatenate([np.zeros(0, np.complex128), *waves]),
             radius=radius,
             errors=errors,
         )
 
     @classmethod
-    def fitted(
+    def fit(
         cls, pressure: Pressure, *, centre: Array, radius: float, wave_numbers: Array
     ) -> Multipoles:
         """Find the waves of modes whose sound around the body is known.
@@ -117,17 +121,21 @@ class Multipoles:
         left = np.arange(count)
         for degree in _ROUNDS:
             places, weights = sphere_rule(degree)
-            heard = pressure(centre + FAR * radius * places, left)
-            found, squares = _projected(heard, places, weights, wave_numbers[left] * FAR * radius)
-            needed = _needed(squares)
-            done = (needed <= degree - 2) | (degree == HIGHEST)
-            for column in np.flatnonzero(done):
-                waves[left[column]] = FAR * radius * found[: (needed[column] + 1) ** 2, column]
-            left = left[~done]
+            pressures = pressure(centre + FAR * radius * places, left)
+            amplitudes, squares = _project(
+                pressures, places, weights, wave_numbers[left] * FAR * radius
+            )
+            needed_degrees = _find_degrees(squares)
+            is_done = (needed_degrees <= degree - 2) | (degree == MAX_DEGREE)
+            for column in np.flatnonzero(is_done):
+                waves[left[column]] = (
+                    FAR * radius * amplitudes[: (needed_degrees[column] + 1) ** 2, column]
+                )
+            left = left[~is_done]
             if not len(left):
                 break
-        fitted = cls.of(waves, wave_numbers, radius=radius, errors=np.zeros((count, 2)))
-        return replace(fitted, errors=_errors(fitted, pressure, centre))
+        multipoles = cls.of(waves, wave_numbers, radius=radius, errors=np.zeros((count, 2)))
+        return replace(multipoles, errors=_errors(multipoles, pressure, centre))
 
     @property
     def count(self) -> int:
@@ -149,11 +157,11 @@ class Multipoles:
     def at(self, places: Array) -> Complex:
         """Return the pressure at places (L, 3) from the centre, relative to the arrival: (L, M)."""
         distances = np.linalg.norm(places, axis=1)
-        highest = int(self.degrees.max(initial=0))
-        harmonics = real_harmonics(places / distances[:, None], highest)
-        first = np.arange(highest + 1) ** 2
+        max_degree = int(self.degrees.max(initial=0))
+        harmonics = real_harmonics(places / distances[:, None], max_degree)
+        first = np.arange(max_degree + 1) ** 2
         parts = np.add.reduceat(harmonics[:, :, None] * self._table, first, axis=1)
-        laws = outgoing(highest, np.multiply.outer(distances, self.wave_numbers))
+        laws = outgoing_waves(max_degree, np.multiply.outer(distances, self.wave_numbers))
         return np.einsum("lpm,plm->lm", parts, laws) / distances[:, None]
 
     def chosen(self, modes: Index, size: float, factor: float | Array) -> Multipoles:
@@ -163,26 +171,26 @@ class Multipoles:
         """
         waves, factors = self.waves, np.broadcast_to(factor, len(modes)) * size
         return Multipoles.of(
-            [waves[mode] * each for mode, each in zip(modes, factors, strict=True)],
+            [waves[mode] * scale for mode, scale in zip(modes, factors, strict=True)],
             self.wave_numbers[modes] / size,
             radius=self.radius * size,
             errors=self.errors[modes],
         )
 
     @classmethod
-    def joined(
+    def join(
         cls, parts: Sequence[tuple[Index, Multipoles]], outputs: Complex, wave_numbers: Array
     ) -> Multipoles:
         """Return the field of all M modes of a body, joined from fields of some of them.
 
-        Of modes in no part the estimates `outputs` (M,) at 1 m are heard, alike on all sides.
+        Modes in no part have the estimates `outputs` (M,) at 1 m in all directions.
         """
         waves = list(outputs[:, None])
         errors = np.full((len(outputs), 2), np.nan)
         for modes, part in parts:
             errors[modes] = part.errors
-            for mode, own in zip(modes, part.waves, strict=True):
-                waves[mode] = own
+            for mode, amplitudes in zip(modes, part.waves, strict=True):
+                waves[mode] = amplitudes
         radius = max(part.radius for _, part in parts)
         return cls.of(waves, wave_numbers, radius=radius, errors=errors)
 
@@ -195,58 +203,58 @@ class Multipoles:
 
 def _errors(waves: Multipoles, pressure: Pressure, centre: Array) -> Array:
     """Return how far waves are from the sound itself at `FAR` and `CLOSE` radii (M, 2)."""
-    directions, weights = sphere_rule(_TRIED)
+    directions, weights = sphere_rule(_TEST_DEGREE)
     errors = np.empty((waves.count, 2))
     for side, distance in enumerate((FAR * waves.radius, CLOSE * waves.radius)):
-        heard = pressure(centre + distance * directions, np.arange(waves.count))
-        heard = heard * np.exp(1j * waves.wave_numbers * distance)
-        missed = np.square(np.abs(waves.at(distance * directions) - heard))
-        whole = np.maximum(weights @ np.square(np.abs(heard)), np.finfo(float).tiny)
-        errors[:, side] = np.sqrt(weights @ missed / whole)
+        pressures = pressure(centre + distance * directions, np.arange(waves.count))
+        pressures = pressures * np.exp(1j * waves.wave_numbers * distance)
+        squared_errors = np.square(np.abs(waves.at(distance * directions) - pressures))
+        mean_squares = np.maximum(weights @ np.square(np.abs(pressures)), np.finfo(float).tiny)
+        errors[:, side] = np.sqrt(weights @ squared_errors / mean_squares)
     return errors
 
 
-def outgoing(highest: int, arguments: Array) -> Complex:
-    """Return g_l(x) of degrees 0 to `highest` at x = kr (...): (highest + 1, ...)."""
+def outgoing_waves(max_degree: int, arguments: Array) -> Complex:
+    """Return g_l(x) of degrees 0 to `max_degree` at x = kr (...): (max_degree + 1, ...)."""
     # h_l grows with l at a given x, so that the recurrence is stable upward.
-    laws = np.ones((highest + 1, *arguments.shape), np.complex128)
-    turns = -1j / arguments
-    if highest:
-        laws[1] += turns
-    for degree in range(1, highest):
-        laws[degree + 1] = laws[degree - 1] + (2 * degree + 1) * turns * laws[degree]
+    laws = np.ones((max_degree + 1, *arguments.shape), np.complex128)
+    reciprocals = -1j / arguments
+    if max_degree:
+        laws[1] += reciprocals
+    for degree in range(1, max_degree):
+        laws[degree + 1] = laws[degree - 1] + (2 * degree + 1) * reciprocals * laws[degree]
     return laws
 
 
 def sphere_rule(degree: int) -> tuple[Array, Array]:
     """Return directions (P, 3) and weights (P,), of sum 1, exact for harmonics to 2 degree + 1."""
-    heights, shares = np.polynomial.legendre.leggauss(degree + 1)
-    around = 2 * np.pi * (np.arange(2 * degree + 2) + 0.5) / (2 * degree + 2)
+    heights, height_weights = np.polynomial.legendre.leggauss(degree + 1)
+    azimuths = 2 * np.pi * (np.arange(2 * degree + 2) + 0.5) / (2 * degree + 2)
     flat = np.sqrt(1 - heights**2)[:, None]
-    rows = np.broadcast_arrays(flat * np.cos(around), flat * np.sin(around), heights[:, None])
-    weights = np.repeat(shares / 2, len(around)) / len(around)
+    rows = np.broadcast_arrays(flat * np.cos(azimuths), flat * np.sin(azimuths), heights[:, None])
+    weights = np.repeat(height_weights / 2, len(azimuths)) / len(azimuths)
     return np.stack(rows, axis=-1).reshape(-1, 3), weights
 
 
-def _projected(
-    heard: Complex, directions: Array, weights: Array, arguments: Array
+def _project(
+    pressures: Complex, directions: Array, weights: Array, arguments: Array
 ) -> tuple[Complex, Array]:
-    """Return amplitudes (B, M) over the distance, and mean squares by degree and of the rest.
+    """Return amplitudes (B, M) over the distance, and mean squares by degree and of the remainder.
 
-    Of sound heard (P, M) in directions (P, 3) at one distance, where kr is `arguments` (M,). The
-    mean squares (degrees + 1, M) are there, the last of what harmonics leave.
+    `pressures` (P, M) are those in directions (P, 3) at one distance, where kr is `arguments` (M,).
+    The last of the mean squares (degree + 2, M) is that of the remainder.
     """
     degree = round((len(weights) / 2) ** 0.5) - 1
     degree_of, _ = degrees(degree)
-    parts = (real_harmonics(directions, degree) * weights[:, None]).T @ heard
+    parts = (real_harmonics(directions, degree) * weights[:, None]).T @ pressures
     sums = np.add.reduceat(np.square(np.abs(parts)), np.arange(degree + 1) ** 2, axis=0)
-    rest = np.maximum(weights @ np.square(np.abs(heard)) - sums.sum(axis=0), 0.0)
-    waves = parts * np.exp(1j * arguments) / outgoing(degree, arguments)[degree_of]
-    return waves, np.vstack([sums, rest])
+    remainder = np.maximum(weights @ np.square(np.abs(pressures)) - sums.sum(axis=0), 0.0)
+    waves = parts * np.exp(1j * arguments) / outgoing_waves(degree, arguments)[degree_of]
+    return waves, np.vstack([sums, remainder])
 
 
-def _needed(squares: Array) -> Index:
-    """Return the least degree (M,) above which at most `_LOST` of mean squares is left."""
-    above = np.cumsum(squares[::-1], axis=0)[::-1][1:]  # beyond degree 0, 1, ...
-    enough = above <= _LOST * squares.sum(axis=0)
-    return np.where(enough.any(axis=0), enough.argmax(axis=0), HIGHEST)
+def _find_degrees(squares: Array) -> Index:
+    """Return the least degree (M,) above which at most `_MAX_LOSS` of mean squares is left."""
+    power_above = np.cumsum(squares[::-1], axis=0)[::-1][1:]  # beyond degree 0, 1, ...
+    is_enough = power_above <= _MAX_LOSS * squares.sum(axis=0)
+    return np.where(is_enough.any(axis=0), is_enough.argmax(axis=0), MAX_DEGREE)

@@ -24,7 +24,7 @@ from struck.model.mesh_topology import pieces, submesh
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Skin:
-    """Part of a surface that meets free air: all but the walls of closed cavities."""
+    """Part of a surface that meets free air: without the walls of closed cavities."""
 
     mesh: Mesh  # F faces, none without area, and the vertices that they use
     faces: NDArray[np.int64]  # (F,), the number of each face in the whole surface
@@ -34,11 +34,11 @@ class Skin:
         """Return the skin of a surface; MeshError where no piece encloses a positive volume."""
         cones = np.einsum("fd,fd->f", surface.centroids - centre, surface.area_vectors)
         labels = pieces(surface)
-        exposed = np.bincount(labels, weights=cones)[labels] > 0
-        faces = np.flatnonzero(exposed & (surface.areas > 0))
+        is_exposed = np.bincount(labels, weights=cones)[labels] > 0
+        faces = np.flatnonzero(is_exposed & (surface.areas > 0))
         if not len(faces):
             raise MeshError(
-                f"none of the {labels.max() + 1} pieces of the surface encloses a volume: flip "
+                f"the {labels.max() + 1} pieces of the surface enclose no volume: flip "
                 "the normals so that they point out of the material"
             )
         return cls(mesh=submesh(surface, faces), faces=faces)
@@ -54,34 +54,34 @@ def normal_velocities(surface: Mesh, shapes: NDArray[np.floating]) -> Array:
     faces = surface.faces
     columns = (3 * faces[:, :, None] + np.arange(3)).ravel()
     weights = np.repeat(surface.face_normals[:, None] / 3, 3, axis=1).ravel()
-    starts, count = np.arange(0, len(columns) + 1, 9), 3 * len(surface.points)
-    projection = sparse.csr_array((weights, columns, starts), shape=(len(faces), count))
+    indptr, count = np.arange(0, len(columns) + 1, 9), 3 * len(surface.points)
+    projection = sparse.csr_array((weights, columns, indptr), shape=(len(faces), count))
     return np.asarray(projection @ shapes.reshape(count, shapes.shape[2]))
 
 
-COUNT = 64  # harmonics that are told apart at most, on a sphere those of the orders 0 to 7
-# Share of an eigenvalue by which the last harmonic lies below the first that is left out. Round and
-# square bodies have pairs of equal ones: of a pair cut in two, rounding would decide which stays.
-_APART = 1e-3
+COUNT = 64  # maximum number of harmonics, on a sphere those of the orders 0 to 7
+# Fraction of an eigenvalue by which the last harmonic lies below the first that is left out. Round
+# and square bodies have pairs of equal ones; if a pair were cut, rounding would decide which stays.
+_MIN_GAP = 1e-3
 # Share of the rest that its averages at the vertices hold at least; less is of the rounding of
 # shapes to 32 bits, squared 4e-15 of them, to 0.2 %. Torsion of a turned body, whose faces tilt
 # to both sides in turn, has 1e-13.
 _ALTERNATING = 1e-9
 
-# Up to so many vertices a full decomposition costs less than an iteration.
+# Number of vertices up to which a full decomposition costs less than an iteration.
 _SMALL = 400
 _SEED = 1  # of the vector that the iteration starts from
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Split:
-    """Normal velocities, split into surface harmonics and a rest."""
+    """Normal velocities, split into surface harmonics and a remainder."""
 
     # (H, M), coefficients of the harmonics, m^2/s; their squares are shares of the whole
     parts: Array
-    rest: Array  # (V, M), what remains at the vertices, m/s
-    rest_orders: Array  # (M,), the order ascribed to all of the rest
-    rest_powers: Array  # (M,), its share in the integral of the square, m^4/s^2
+    remainder: Array  # (V, M), what remains at the vertices, m/s
+    remainder_orders: Array  # (M,), the order ascribed to all of the rest
+    remainder_powers: Array  # (M,), its share in the integral of the square, m^4/s^2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -104,7 +104,7 @@ class SurfaceHarmonics:
     def of(cls, mesh: Mesh, radius: float) -> SurfaceHarmonics:
         """Find the harmonics of a surface."""
         stiffness, masses = laplacian(mesh)
-        eigenvalues, functions = _smoothest(stiffness, masses, radius)
+        eigenvalues, functions = _compute_harmonics(stiffness, masses, radius)
         return cls(
             mesh=mesh,
             stiffness=stiffness,
@@ -121,20 +121,22 @@ class SurfaceHarmonics:
         quotient), for which it is averaged at the vertices and linear in between. Where next to
         nothing remains of it there, it alternates from face to face, and has the order of these.
         """
-        flows = _at_corners(self.mesh) @ velocities
+        flows = _integrate_at_corners(self.mesh) @ velocities
         parts = self.functions.T @ flows
-        rest = flows / self.masses[:, None] - self.functions @ parts
-        steepness = np.einsum("vm,vm->m", rest, self.stiffness @ rest)
-        smooth = np.maximum(self.masses @ np.square(rest), np.finfo(float).tiny)
-        whole = self.mesh.areas @ np.square(velocities)
-        powers = np.maximum(whole - np.square(parts).sum(axis=0), 0.0)
-        steepest = np.mean(self.stiffness.diagonal() / self.masses)
-        slopes = np.where(smooth < _ALTERNATING * powers, steepest, steepness / smooth)
+        remainder = flows / self.masses[:, None] - self.functions @ parts
+        steepness = np.einsum("vm,vm->m", remainder, self.stiffness @ remainder)
+        smooth_squares = np.maximum(self.masses @ np.square(remainder), np.finfo(float).tiny)
+        totals = self.mesh.areas @ np.square(velocities)
+        powers = np.maximum(totals - np.square(parts).sum(axis=0), 0.0)
+        max_slope = np.mean(self.stiffness.diagonal() / self.masses)
+        slopes = np.where(
+            smooth_squares < _ALTERNATING * powers, max_slope, steepness / smooth_squares
+        )
         return Split(
             parts=parts,
-            rest=rest,
-            rest_orders=np.maximum(_orders(slopes, self.radius), self.orders.max()),
-            rest_powers=powers,
+            remainder=remainder,
+            remainder_orders=np.maximum(_orders(slopes, self.radius), self.orders.max()),
+            remainder_powers=powers,
         )
 
 
@@ -144,19 +146,21 @@ def laplacian(mesh: Mesh) -> tuple[sparse.csc_array, Array]:
     Linear finite elements on the faces (the cotangent Laplacian; Pinkall & Polthier 1993).
     """
     corners = mesh.points[mesh.faces]
-    opposite = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
-    products = np.einsum("fid,fjd->fij", opposite, opposite) / (4 * mesh.areas)[:, None, None]
+    opposite_edges = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
+    products = (
+        np.einsum("fid,fjd->fij", opposite_edges, opposite_edges) / (4 * mesh.areas)[:, None, None]
+    )
     rows, columns = np.repeat(mesh.faces, 3, axis=1), np.tile(mesh.faces, (1, 3))
     shape = (len(mesh.points), len(mesh.points))
     stiffness = sparse.coo_array((products.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
-    return stiffness.tocsc(), _at_corners(mesh) @ np.ones(len(mesh.faces))
+    return stiffness.tocsc(), _integrate_at_corners(mesh) @ np.ones(len(mesh.faces))
 
 
-def _at_corners(mesh: Mesh) -> sparse.csc_array:
+def _integrate_at_corners(mesh: Mesh) -> sparse.csc_array:
     """Return the matrix (V, F) that gives each corner of a face a third of its integral."""
-    starts = np.arange(0, mesh.faces.size + 1, 3)
+    indptr = np.arange(0, mesh.faces.size + 1, 3)
     shape = (len(mesh.points), len(mesh.faces))
-    return sparse.csc_array((np.repeat(mesh.areas / 3, 3), mesh.faces.ravel(), starts), shape)
+    return sparse.csc_array((np.repeat(mesh.areas / 3, 3), mesh.faces.ravel(), indptr), shape)
 
 
 def _orders(eigenvalues: Array, radius: float) -> Array:
@@ -164,7 +168,9 @@ def _orders(eigenvalues: Array, radius: float) -> Array:
     return np.sqrt(radius**2 * np.maximum(eigenvalues, 0.0) + 0.25) - 0.5
 
 
-def _smoothest(stiffness: sparse.csc_array, masses: Array, radius: float) -> tuple[Array, Array]:
+def _compute_harmonics(
+    stiffness: sparse.csc_array, masses: Array, radius: float
+) -> tuple[Array, Array]:
     """Return the lowest eigenvalues (H,) and the functions (V, H), no group of equal ones cut."""
     roots = sparse.diags_array(1 / np.sqrt(masses))
     standard = (roots @ stiffness @ roots).tocsc()
@@ -179,7 +185,7 @@ def _smoothest(stiffness: sparse.csc_array, masses: Array, radius: float) -> tup
             sigma=-1 / radius**2,  # below all of them, where the matrix is regular
             v0=np.random.default_rng(_SEED).normal(size=len(masses)),
         )
-    gaps = np.flatnonzero(np.diff(eigenvalues) > _APART * eigenvalues[1:]) + 1
+    gaps = np.flatnonzero(np.diff(eigenvalues) > _MIN_GAP * eigenvalues[1:]) + 1
     count = gaps[-1] if len(eigenvalues) > COUNT else len(eigenvalues)
     return eigenvalues[:count], functions[:, :count] / np.sqrt(masses)[:, None]
 
@@ -208,10 +214,10 @@ class PointSources:
         flows = _gathering(labels, mesh.areas[:, None])
         positions = np.asarray(flows @ mesh.centroids) / flows.sum(axis=1)[:, None]
         arms = mesh.centroids - positions[labels]
-        starts = np.arange(0, mesh.faces.size + 1, 3)
+        indptr = np.arange(0, mesh.faces.size + 1, 3)
         thirds = np.full(mesh.faces.size, 1 / 3)
         shape = (len(mesh.faces), len(mesh.points))
-        means = sparse.csr_array((thirds, mesh.faces.ravel(), starts), shape)
+        means = sparse.csr_array((thirds, mesh.faces.ravel(), indptr), shape)
         return cls(
             positions=positions,
             flows=flows,
@@ -231,58 +237,69 @@ class PointSources:
         squares = np.empty(len(wave_numbers))
         # Modes of one wave number share their phases.
         for wave_number in np.unique(wave_numbers):
-            some = wave_numbers == wave_number
+            is_shared = wave_numbers == wave_number
             # NumPy's tangent takes a tenth of the time of its sine and cosine, or half at least.
             tangents = np.tan(wave_number / 2 * paths)
-            whole = 1 + np.square(tangents)
-            given = strengths[:, :, some].reshape(len(strengths), -1)
-            cosines, sines = (2 / whole - 1) @ given, (2 * tangents / whole) @ given
-            sent = (cosines - 1j * sines).reshape(len(directions), 7, -1)
-            real = np.einsum("ndm,nd->nm", sent[:, 1:4], directions)
-            imaginary = np.einsum("ndm,nd->nm", sent[:, 4:], directions)
-            # In the opposite direction, phases and dipoles change their signs: what the flows and
-            # the real dipoles have in common cancels between the two.
-            both = np.square(np.abs(sent[:, 0] + 1j * imaginary)) + np.square(np.abs(real))
-            squares[some] = both.mean(axis=0)
+            denominators = 1 + np.square(tangents)
+            sources = strengths[:, :, is_shared].reshape(len(strengths), -1)
+            cosines, sines = (
+                (2 / denominators - 1) @ sources,
+                (2 * tangents / denominators) @ sources,
+            )
+            waves = (cosines - 1j * sines).reshape(len(directions), 7, -1)
+            real = np.einsum("ndm,nd->nm", waves[:, 1:4], directions)
+            imaginary = np.einsum("ndm,nd->nm", waves[:, 4:], directions)
+            # In the opposite direction, phases and dipoles change their signs, so the products of
+            # flows and real dipoles cancel between the two.
+            squared_sums = np.square(np.abs(waves[:, 0] + 1j * imaginary)) + np.square(np.abs(real))
+            squares[is_shared] = squared_sums.mean(axis=0)
         return squares
 
 
 def bundles(points: Array, weights: Array, count: int) -> Index:
     """Return the group of each point: at most `count` (a power of two) groups of equal weight.
 
-    Groups are halved across their longest extent, whichever way the points are turned.
+    Groups are halved across their longest extent, independent of the orientation of the points.
     """
     # Rounded, so that neither the body's size nor its place decides between equals.
     arms = points - points.mean(axis=0)
     places = np.round(arms / np.abs(arms).max(), 6)
-    shares = (weights / weights.sum()).astype(np.float32).astype(float)
-    order, starts = np.arange(len(points)), np.zeros(1, np.int64)
-    while len(starts) < count and len(starts) < len(points):
-        order, starts = _halved(order, starts, places, shares)
+    fractions = (weights / weights.sum()).astype(np.float32).astype(float)
+    order, start_indices = np.arange(len(points)), np.zeros(1, np.int64)
+    while len(start_indices) < count and len(start_indices) < len(points):
+        order, start_indices = _halve_groups(order, start_indices, places, fractions)
     labels = np.empty(len(points), np.int64)
-    labels[order] = np.repeat(np.arange(len(starts)), _sizes(starts, len(points)))
+    labels[order] = np.repeat(np.arange(len(start_indices)), _sizes(start_indices, len(points)))
     return labels
 
 
-def _sizes(starts: Index, count: int) -> Index:
-    return np.diff(np.append(starts, count))
+def _sizes(start_indices: Index, count: int) -> Index:
+    return np.diff(np.append(start_indices, count))
 
 
-def _halved(order: Index, starts: Index, points: Array, weights: Array) -> tuple[Index, Index]:
+def _halve_groups(
+    order: Index, start_indices: Index, points: Array, weights: Array
+) -> tuple[Index, Index]:
     """Return points in their new order, and where in it each group starts, twice as many."""
-    sizes, heavy = _sizes(starts, len(order)), weights[order][:, None]
-    whole = np.add.reduceat(heavy, starts)
-    means = np.add.reduceat(heavy * points[order], starts) / whole
+    sizes, point_weights = _sizes(start_indices, len(order)), weights[order][:, None]
+    totals = np.add.reduceat(point_weights, start_indices)
+    means = np.add.reduceat(point_weights * points[order], start_indices) / totals
     arms = points[order] - np.repeat(means, sizes, axis=0)
-    products = (heavy * arms)[:, :, None] * arms[:, None]
-    axes = np.linalg.eigh(np.add.reduceat(products, starts))[1][:, :, -1]
-    along = np.einsum("nd,nd->n", arms, np.repeat(axes, sizes, axis=0))
-    order = order[np.lexsort((along, np.repeat(np.arange(len(starts)), sizes)))]
-    before = np.cumsum(weights[order])
-    ends = before[starts] - weights[order][starts] + (0.5 - _EQUAL) * whole[:, 0]
-    light = np.add.reduceat(before < np.repeat(ends, sizes), starts, dtype=np.int64)
-    middles = starts + np.clip(light, 1, sizes - 1)
-    return order, np.sort(np.append(starts, middles[sizes > 1]))
+    products = (point_weights * arms)[:, :, None] * arms[:, None]
+    axes = np.linalg.eigh(np.add.reduceat(products, start_indices))[1][:, :, -1]
+    projections = np.einsum("nd,nd->n", arms, np.repeat(axes, sizes, axis=0))
+    order = order[np.lexsort((projections, np.repeat(np.arange(len(start_indices)), sizes)))]
+    cumulative_weights = np.cumsum(weights[order])
+    ends = (
+        cumulative_weights[start_indices]
+        - weights[order][start_indices]
+        + (0.5 - _EQUAL) * totals[:, 0]
+    )
+    light = np.add.reduceat(
+        cumulative_weights < np.repeat(ends, sizes), start_indices, dtype=np.int64
+    )
+    split_indices = start_indices + np.clip(light, 1, sizes - 1)
+    return order, np.sort(np.append(start_indices, split_indices[sizes > 1]))
 
 
 def _gathering(labels: Index, weights: Array) -> sparse.csr_array:
@@ -302,11 +319,11 @@ def _half_of_all_directions(count: int) -> Array:
     return np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), height], axis=1)
 
 
-# Size ka from which the power is taken in both ways. Below, hardly any of the pressure on the skin
-# does work, and the work is a small difference of guesses.
+# Size ka from which the power is computed by both methods. Below it, little of the pressure on the
+# skin does work, and the work is a small difference of estimates.
 _WIDE_AS_A_WAVE = np.pi
 # Size ka that the bundles still resolve. A motion that radiates there radiates above, too.
-_WIDEST = 10.0
+_MAX_SIZE = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -326,44 +343,55 @@ class Radiator:
             radius=radius,
             harmonics=harmonics,
             sources=sources,
-            forces=_by_bundle(sources.forces @ harmonics.functions),
+            forces=_split_by_bundle(sources.forces @ harmonics.functions),
         )
 
     def mean_squares(self, velocities: Array, wave_numbers: Array) -> Array:
         """Return mean squares over directions (M,) of the pressure at 1 m, in (rho c)^2 m^2/s^2."""
-        split, sizes = self.harmonics.split(velocities), wave_numbers * self.radius
-        squares = self._far_away(velocities, split, np.minimum(sizes, _WIDEST))
-        wide = sizes >= _WIDE_AS_A_WAVE
-        if wide.any():
-            some = Split(**{f.name: getattr(split, f.name)[..., wide] for f in fields(split)})
-            squares[wide] = np.maximum(self._through_skin(some, sizes[wide]), squares[wide])
+        components, sizes = self.harmonics.split(velocities), wave_numbers * self.radius
+        squares = self._far_away(velocities, components, np.minimum(sizes, _MAX_SIZE))
+        is_wide = sizes >= _WIDE_AS_A_WAVE
+        if is_wide.any():
+            wide_components = Split(
+                **{f.name: getattr(components, f.name)[..., is_wide] for f in fields(components)}
+            )
+            squares[is_wide] = np.maximum(
+                self._through_skin(wide_components, sizes[is_wide]), squares[is_wide]
+            )
         return squares
 
-    def _through_skin(self, split: Split, sizes: Array) -> Array:
+    def _through_skin(self, components: Split, sizes: Array) -> Array:
         """Return mean squares from the work that the pressure does on the skin."""
         efficiencies = sphere_efficiency(self.harmonics.orders[:, None], sizes)
-        rest = sphere_efficiency(split.rest_orders, sizes) * split.rest_powers
-        return (np.sum(efficiencies * np.square(split.parts), axis=0) + rest) / (4 * np.pi)
+        remainder = (
+            sphere_efficiency(components.remainder_orders, sizes) * components.remainder_powers
+        )
+        return (np.sum(efficiencies * np.square(components.parts), axis=0) + remainder) / (
+            4 * np.pi
+        )
 
-    def _far_away(self, velocities: Array, split: Split, sizes: Array) -> Array:
+    def _far_away(self, velocities: Array, components: Split, sizes: Array) -> Array:
         """Return mean squares from the waves that velocity and pressure on the skin send out."""
         wave_numbers = sizes / self.radius
         flows = self.sources.flows @ velocities
-        moments = _by_bundle(self.sources.moments @ velocities)
-        dipoles = self._forces(split, sizes) - 1j * wave_numbers * moments
+        moments = _split_by_bundle(self.sources.moments @ velocities)
+        dipoles = self._forces(components, sizes) - 1j * wave_numbers * moments
         squares = self.sources.mean_squares(wave_numbers, flows, dipoles)
         return np.square(wave_numbers / (4 * np.pi)) * squares
 
-    def _forces(self, split: Split, sizes: Array) -> NDArray[np.complex128]:
+    def _forces(self, components: Split, sizes: Array) -> NDArray[np.complex128]:
         """Return the forces of the air on the bundles (K, 3, M) in units of rho c, m^3/s."""
-        apart, numbers = np.unique(sizes, return_inverse=True)
-        impedances = sphere_impedance(self.harmonics.orders[:, None], apart)[:, numbers]
-        harmonics = impedances * split.parts
-        rest = _by_bundle(self.sources.forces @ split.rest)
-        return self.forces @ harmonics + sphere_impedance(split.rest_orders, sizes) * rest
+        distinct_sizes, numbers = np.unique(sizes, return_inverse=True)
+        impedances = sphere_impedance(self.harmonics.orders[:, None], distinct_sizes)[:, numbers]
+        harmonics = impedances * components.parts
+        remainder = _split_by_bundle(self.sources.forces @ components.remainder)
+        return (
+            self.forces @ harmonics
+            + sphere_impedance(components.remainder_orders, sizes) * remainder
+        )
 
 
-def _by_bundle(values: Array) -> Array:
+def _split_by_bundle(values: Array) -> Array:
     """Return rows (3 K, ...) as (K, 3, ...)."""
     return values.reshape(-1, 3, values.shape[1])
 

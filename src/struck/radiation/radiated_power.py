@@ -1,4 +1,8 @@
-"""Far-field estimates: one coefficient a mode, the same in all directions."""
+"""Radiation of modes: by their radiated power, or by the relative estimates of two papers.
+
+Each estimate gives one coefficient per mode, the same in all directions. `RadiatedPower` also
+computes the timbre field, whose pressure depends on the direction.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,7 @@ from struck.model.mesh import Mesh
 from struck.model.provenance import Progress
 from struck.radiation.on_surface import Radiator, Skin, normal_velocities
 
-_AT_ONCE = 64  # modes, so that memory does not grow with their number
+_BATCH_SIZE = 64  # modes, so that memory does not grow with their number
 
 
 class ObrienCoupling:
@@ -45,7 +49,7 @@ class ObrienCoupling:
         frequencies : array (M,)
             Hz.
         centre : array (3,)
-            Not used: the coupling knows no place.
+            Not used: the coupling does not depend on it.
 
         Returns
         -------
@@ -86,9 +90,9 @@ class RadiatedPower:
 
     def __init__(self, *, air: Air = AIR) -> None:
         self.air = air
-        # A memo, as a player may ask for another material at any moment, and the harmonics of a
-        # surface take as long as all else; weak, so that it lives no longer than the surface.
-        self._prepared: WeakKeyDictionary[Mesh, tuple[bytes, Skin, Radiator]] = WeakKeyDictionary()
+        # A cache, as a player may change the material at any time, and the harmonics of a surface
+        # take as long as everything else; weak, so that it lives no longer than the surface.
+        self._radiators: WeakKeyDictionary[Mesh, tuple[bytes, Skin, Radiator]] = WeakKeyDictionary()
 
     def __getstate__(self) -> dict[str, Air]:
         """Return the medium alone, without the store of radiators."""
@@ -101,12 +105,12 @@ class RadiatedPower:
     def _prepare(self, surface: Mesh, centre: Array) -> tuple[Skin, Radiator]:
         """Return the skin of a surface and its radiator, computed once."""
         place = np.asarray(centre, np.float64).tobytes()
-        known = self._prepared.get(surface)
-        if known is None or known[0] != place:
+        cached = self._radiators.get(surface)
+        if cached is None or cached[0] != place:
             skin = Skin.of(surface, centre)
-            known = place, skin, Radiator.of(skin.mesh, skin.radius)
-            self._prepared[surface] = known
-        return known[1], known[2]
+            cached = place, skin, Radiator.of(skin.mesh, skin.radius)
+            self._radiators[surface] = cached
+        return cached[1], cached[2]
 
     def coefficients(
         self, surface: Mesh, shapes: NDArray[np.floating], frequencies: Array, centre: Array
@@ -140,10 +144,10 @@ class RadiatedPower:
         skin, radiator = self._prepare(surface, centre)
         wave_numbers = 2 * np.pi * np.asarray(frequencies, float) / self.air.sound_speed
         squares = np.empty(len(frequencies))
-        for first in range(0, len(frequencies), _AT_ONCE):
-            some = slice(first, first + _AT_ONCE)
-            velocities = normal_velocities(surface, shapes[:, :, some])[skin.faces]
-            squares[some] = radiator.mean_squares(velocities, wave_numbers[some])
+        for first in range(0, len(frequencies), _BATCH_SIZE):
+            batch = slice(first, first + _BATCH_SIZE)
+            velocities = normal_velocities(surface, shapes[:, :, batch])[skin.faces]
+            squares[batch] = radiator.mean_squares(velocities, wave_numbers[batch])
         return self.air.impedance * np.sqrt(squares) * quarter_turns(frequencies)
 
     def field(
@@ -156,9 +160,9 @@ class RadiatedPower:
         keep: Keep | None,
         progress: Progress,
     ) -> tuple[ShapeGains, Index, float]:
-        """Return gains with the timbre field of a body, modes left out by ka, and the worst error.
+        """Return gains with the timbre field, modes left out by ka, and the largest error.
 
-        The error is what the elements leave, of a mode's far pressure, relative.
+        The error is that of the elements, relative to the far pressure of a mode.
 
         Parameters
         ----------
@@ -171,9 +175,9 @@ class RadiatedPower:
         near : bool
             Whether pressures on the surface are kept, for listeners within 1.2 radii.
         keep : Keep or None
-            What keeps finished frequencies between runs.
+            Stores finished frequencies between runs.
         progress : callable
-            Told the stage and the fraction of it that is done.
+            Called with the stage and the fraction of it that is done.
 
         Raises
         ------
@@ -183,14 +187,14 @@ class RadiatedPower:
             Where memory does not suffice.
         """
         from struck.radiation.directivity import RadiatingGains
-        from struck.radiation.sound_field import FieldPlan, computed_at_once, fields_of
+        from struck.radiation.sound_field import FieldPlan, compute_directly, fields_of
 
         plan = FieldPlan.of(gains, frequencies, band)
-        parts = fields_of(gains, plan, keep or computed_at_once, progress)
+        parts = fields_of(gains, plan, keep or compute_directly, progress)
         if not parts:
             return gains, plan.left_out, 0.0
-        worst = max(float(part.errors.max()) for part in parts)
-        return RadiatingGains.of(gains, frequencies, parts, near=near), plan.left_out, worst
+        max_error = max(float(part.errors.max()) for part in parts)
+        return RadiatingGains.of(gains, frequencies, parts, near=near), plan.left_out, max_error
 
 
 class Heuristic1998:
@@ -212,8 +216,14 @@ class Heuristic1998:
 
         Parameters
         ----------
-        surface, shapes, frequencies, centre
-            As for the other estimates; only the frequencies (M,), Hz, count.
+        surface : Mesh
+            The body's surface; only its number of vertices V is checked.
+        shapes : array (V, 3, M)
+            Mode shapes; only their shape is checked.
+        frequencies : array (M,)
+            Hz.
+        centre : array (3,)
+            Not used.
 
         Returns
         -------
@@ -231,10 +241,11 @@ class Heuristic1998:
 
 
 def _require_modes(surface: Mesh, shapes: NDArray[np.floating], frequencies: Array) -> None:
-    wanted = (len(surface.points), 3, len(frequencies))
-    if shapes.shape != wanted:
+    expected_shape = (len(surface.points), 3, len(frequencies))
+    if shapes.shape != expected_shape:
         raise OptionError(
-            f"shapes are {shapes.shape}, not {wanted}: give x, y and z of each mode at each vertex"
+            f"shapes are {shapes.shape}, not {expected_shape}: give x, y and z of each mode at "
+            f"each vertex"
         )
     if not np.all(np.isfinite(frequencies) & (np.asarray(frequencies) > 0)):
         raise OptionError(
@@ -263,9 +274,9 @@ def by_name(name: str) -> Radiation:
         When no estimate has that name.
     """
     if name not in ESTIMATES:
-        offer = nearest(name, (*ESTIMATES, "field"), "{!r}")
-        known = " or ".join(map(repr, ESTIMATES))
-        raise OptionError(f"no radiation is called {name!r}: {offer}give {known}, or 'field'")
+        suggestion = nearest(name, (*ESTIMATES, "field"), "{!r}")
+        names = " or ".join(map(repr, ESTIMATES))
+        raise OptionError(f"no radiation is called {name!r}: {suggestion}give {names}, or 'field'")
     return ESTIMATES[name]
 
 
@@ -274,14 +285,16 @@ ESTIMATES: dict[str, Radiation] = {
 }
 
 
-_FAR = 1e4  # m: outside of any body
+_FAR_DISTANCE = 1e4  # m: outside of any body
 
 
 def decays_by_sound(gains: ShapeGains) -> Array:
-    """Return how fast each mode decays by the sound it radiates alone (M,), 1/s.
+    """Return the decay rate of each mode by radiated sound alone (M,), 1/s.
 
-    A mode that is heard at 1 m with p, in Pa for a speed of 1 kg^-1/2 m/s, sends out 2 pi p^2 /
-    (rho c), in W, of its energy of 1/2 J; it sounds alike in all directions.
+    A mode with the pressure p at 1 m, in Pa for a modal velocity of 1 kg^1/2 m/s, radiates 2 pi p^2
+    / (rho c), in W, of its energy of 1/2 J; p is taken as the same in all directions.
     """
-    heard = _FAR * np.abs(gains.toward(gains.centre[None] + _FAR * np.eye(3)[:1])[0, 0])
-    return np.asarray(2 * np.pi * heard**2 / AIR.impedance)
+    pressures = _FAR_DISTANCE * np.abs(
+        gains.toward(gains.centre[None] + _FAR_DISTANCE * np.eye(3)[:1])[0, 0]
+    )
+    return np.asarray(2 * np.pi * pressures**2 / AIR.impedance)

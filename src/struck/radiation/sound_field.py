@@ -23,27 +23,27 @@ from struck.model.mesh import Mesh
 from struck.model.mesh_topology import edges_of
 from struck.model.provenance import FORECAST, Progress, silent
 from struck.radiation.boundary_elements import (
-    SAME,
-    THINNEST,
+    MIN_WALL_RATIO,
+    SAME_FREQUENCY,
     SurfaceField,
     Walls,
     edge_length,
-    joined,
-    solved,
+    join_fields,
+    solve_field,
 )
 from struck.radiation.on_surface import Skin, laplacian, normal_velocities
-from struck.radiation.remeshing import remeshed
+from struck.radiation.remeshing import remesh
 
 PER_WAVE = 6  # elements in a wavelength
-LARGEST = 24.0  # wave number times radius: beyond it the estimate stays
-_LEAST = 1000  # elements, which a body's form takes, whatever the wavelength
-_ALMOST_NONE = 0.02  # share of the faces whose depth may be less than the wall
+MAX_SIZE = 24.0  # wave number times radius: beyond it the estimate stays
+_MIN_ELEMENTS = 1000  # elements, which a body's form takes, whatever the wavelength
+_WALL_QUANTILE = 0.02  # share of the faces whose depth may be less than the wall
 _WALL = 0.15  # of an element, which a wall has at least
-_CROSSED = 1e-3  # share of the skin that may lie within the body
-_FINER = 2**0.5  # from a mesh to the next: twice as many elements
+_MAX_CROSSED_FRACTION = 1e-3  # share of the skin that may lie within the body
+_EDGE_RATIO = 2**0.5  # from a mesh to the next: twice as many elements
 # Where a wall is too thin for some of a mesh's elements, it is made again with smaller ones, in
 # steps of _STEP, down to half the edge: four times as many at most, chosen by judgement.
-_STEP, _SMALLEST = 2**-0.25, 0.5
+_STEP, _MIN_EDGE_RATIO = 2**-0.25, 0.5
 # Processor time of one factorisation by its F elements, s: near ones, far ones, and LAPACK's LU.
 _BY_ELEMENT, _BY_SQUARE, _BY_CUBE = 8e-5, 3.5e-8, 6.5e-11
 _BY_FACE = 3e-4  # of remeshing, by the faces of the skin, s
@@ -51,7 +51,7 @@ _SAMPLES = 1300  # places around the body at which the field is read
 _BYTES = 18  # of memory by the square of the elements
 
 
-def computed_at_once(compute: Callable[[], SurfaceField], /, **inputs: object) -> SurfaceField:
+def compute_directly(compute: Callable[[], SurfaceField], /, **inputs: object) -> SurfaceField:
     """Return the result of `compute`, without storing it."""
     del inputs
     return compute()
@@ -61,10 +61,10 @@ def computed_at_once(compute: Callable[[], SurfaceField], /, **inputs: object) -
 class FieldPlan:
     """Plan of a computed field: modes by mesh, and by frequency on each."""
 
-    skin: Skin  # what meets free air
+    skin: Skin  # the part of the surface in free air
     wall: float  # a depth that almost all of the body has below its skin, m
     edges: tuple[float, ...]  # of the meshes, m, those of most elements first
-    meshed: tuple[Index, ...]  # modes of each mesh, in order of frequency
+    mesh_modes: tuple[Index, ...]  # modes of each mesh, in order of frequency
     wave_numbers: Array  # (M,), of all modes of the body, 1/m
     left_out: Index  # modes that keep the estimate: ka above the bound
 
@@ -72,25 +72,27 @@ class FieldPlan:
     def of(cls, gains: ShapeGains, frequencies: Array, band: tuple[float, float]) -> FieldPlan:
         """Plan the field of the modes within a band, Hz; MeshError where no skin is closed."""
         wave_numbers = 2 * np.pi * frequencies / AIR.sound_speed
-        within = np.flatnonzero((frequencies >= band[0]) & (frequencies <= band[1]))
-        high = wave_numbers[within] * gains.radius > LARGEST
-        chosen = within[~high]
+        in_band = np.flatnonzero((frequencies >= band[0]) & (frequencies <= band[1]))
+        is_high = wave_numbers[in_band] * gains.radius > MAX_SIZE
+        chosen = in_band[~is_high]
         skin = Skin.of(gains.surface, gains.centre)
         _require_closed(skin.mesh)
-        wall = float(np.nanquantile(Walls.of(skin.mesh).depths, _ALMOST_NONE))
-        even = edge_length(skin.mesh) * np.sqrt(len(skin.faces) / _LEAST)
-        rough = min(even, wall / _WALL)
-        shortest = np.maximum(wave_numbers[chosen], _shape_waves(gains)[chosen])
-        wanted = 2 * np.pi / (PER_WAVE * shortest)
-        levels = np.ceil(np.log(np.maximum(rough / wanted, 1)) / np.log(_FINER) - 1e-9)
-        found = np.unique(levels)[::-1]
+        wall = float(np.nanquantile(Walls.of(skin.mesh).depths, _WALL_QUANTILE))
+        even_edge = edge_length(skin.mesh) * np.sqrt(len(skin.faces) / _MIN_ELEMENTS)
+        max_edge = min(even_edge, wall / _WALL)
+        max_wave_numbers = np.maximum(wave_numbers[chosen], _shape_waves(gains)[chosen])
+        target_edges = 2 * np.pi / (PER_WAVE * max_wave_numbers)
+        levels = np.ceil(
+            np.log(np.maximum(max_edge / target_edges, 1)) / np.log(_EDGE_RATIO) - 1e-9
+        )
+        distinct_levels = np.unique(levels)[::-1]
         return cls(
             skin=skin,
             wall=wall,
-            edges=tuple(float(rough / _FINER**level) for level in found),
-            meshed=tuple(chosen[levels == level] for level in found),
+            edges=tuple(float(max_edge / _EDGE_RATIO**level) for level in distinct_levels),
+            mesh_modes=tuple(chosen[levels == level] for level in distinct_levels),
             wave_numbers=wave_numbers,
-            left_out=within[high],
+            left_out=in_band[is_high],
         )
 
     @property
@@ -102,28 +104,35 @@ class FieldPlan:
         """Yield the modes, in order of frequency, that share a factorisation."""
         first = 0
         for number in range(1, len(modes) + 1):
-            lowest = self.wave_numbers[modes[first]]
-            if number == len(modes) or self.wave_numbers[modes[number]] > (1 + SAME) * lowest:
+            min_wave_number = self.wave_numbers[modes[first]]
+            if (
+                number == len(modes)
+                or self.wave_numbers[modes[number]] > (1 + SAME_FREQUENCY) * min_wave_number
+            ):
                 yield modes[first:number]
                 first = number
 
     def seconds(self, counts: Array) -> float:
         """Estimated CPU time, s, for meshes of the given element counts (L,)."""
-        solves = np.array([len(list(self.groups(modes))) for modes in self.meshed])
-        each = counts * (_BY_ELEMENT + _BY_SQUARE * (counts + _SAMPLES)) + _BY_CUBE * counts**3
-        return float(solves @ each) + _BY_FACE * len(self.skin.faces) * len(solves)
+        solve_counts = np.array([len(list(self.groups(modes))) for modes in self.mesh_modes])
+        solve_times = (
+            counts * (_BY_ELEMENT + _BY_SQUARE * (counts + _SAMPLES)) + _BY_CUBE * counts**3
+        )
+        return float(solve_counts @ solve_times) + _BY_FACE * len(self.skin.faces) * len(
+            solve_counts
+        )
 
 
 def _require_memory(counts: Array) -> float:
     """Return the bytes for meshes of the given element counts; SolverError if they are not free."""
-    needed, free = float(_BYTES * np.square(counts).max(initial=0)), available()
-    if free is not None and needed > free:
+    needed_bytes, free = float(_BYTES * np.square(counts).max(initial=0)), available()
+    if free is not None and needed_bytes > free:
         raise SolverError(
-            f"the timbre field needs about {needed / GIB:.1f} GiB of memory, but "
+            f"the timbre field needs about {needed_bytes / GIB:.1f} GiB of memory, but "
             f"{free / GIB:.1f} GiB are free: give a band= that ends lower or a thicker body, "
             "or keep the estimate of radiation='power'"
         )
-    return needed
+    return needed_bytes
 
 
 def _require_closed(mesh: Mesh) -> None:
@@ -134,16 +143,21 @@ def _require_closed(mesh: Mesh) -> None:
             f"{loose} edges of the surface have a face on one side alone, of 0 at most: analyze "
             "the body from its mesh, which closes it, or take radiation='power'"
         )
-    outside = mesh.centroids + 1e-6 * np.sqrt(mesh.areas)[:, None] * mesh.face_normals
-    met, _ = mesh.locator.first_below(outside, mesh.face_normals)
-    along = np.einsum("fd,fd->f", mesh.face_normals[met], mesh.face_normals)
-    within = np.flatnonzero((met >= 0) & (along > 0))  # or their ray slipped between two faces
-    within = within[mesh.locator.holds(outside[within])] if len(within) else within
-    crossed = mesh.areas[within].sum() / mesh.areas.sum()
-    if crossed > _CROSSED:
+    origins = mesh.centroids + 1e-6 * np.sqrt(mesh.areas)[:, None] * mesh.face_normals
+    hit_faces, _ = mesh.locator.first_below(origins, mesh.face_normals)
+    cosines = np.einsum("fd,fd->f", mesh.face_normals[hit_faces], mesh.face_normals)
+    inner_faces = np.flatnonzero(
+        (hit_faces >= 0) & (cosines > 0)
+    )  # or their ray slipped between two faces
+    inner_faces = (
+        inner_faces[mesh.locator.holds(origins[inner_faces])] if len(inner_faces) else inner_faces
+    )
+    crossed_fraction = mesh.areas[inner_faces].sum() / mesh.areas.sum()
+    if crossed_fraction > _MAX_CROSSED_FRACTION:
         raise MeshError(
-            f"the surface crosses itself: {crossed:.1%} of it lie within the body, of "
-            f"{_CROSSED:.1%} at most: analyze the body from its mesh, which unites it, or take "
+            f"the surface crosses itself: {crossed_fraction:.1%} of it lie within the body, of "
+            f"{_MAX_CROSSED_FRACTION:.1%} at most: analyze the body from its mesh, which unites "
+            f"it, or take "
             "radiation='power'"
         )
 
@@ -163,7 +177,7 @@ def _shape_waves(gains: ShapeGains) -> Array:
 
 
 def fields_of(
-    gains: ShapeGains, plan: FieldPlan, keep: Keep = computed_at_once, progress: Progress = silent
+    gains: ShapeGains, plan: FieldPlan, keep: Keep = compute_directly, progress: Progress = silent
 ) -> list[SurfaceField]:
     """Return the fields of the planned modes, one for each mesh.
 
@@ -178,29 +192,31 @@ def fields_of(
     meshes = [fitting_mesh(plan.skin.mesh, edge, plan.wall) for edge in plan.edges]
     # Folds and ridges may keep more elements than the plan has.
     counts = np.array([len(mesh.faces) for mesh in meshes], np.float64)
-    needed, seconds = _require_memory(counts), plan.seconds(counts)
-    together = _at_once(needed)
-    forecast = f"about {seconds:.0f} s of a processor and {rounded(together * needed / 1e9, 2)} GB"
+    needed_bytes, seconds = _require_memory(counts), plan.seconds(counts)
+    task_count = _count_concurrent(needed_bytes)
+    forecast = (
+        f"about {seconds:.0f} s of a processor and {rounded(task_count * needed_bytes / 1e9, 2)} GB"
+    )
     progress(f"{FORECAST}timbre field, {forecast}", 0.0)
-    done, every = 0, sum(len(modes) for modes in plan.meshed)
+    done_count, mode_count = 0, sum(len(modes) for modes in plan.mesh_modes)
     parts = []
-    for mesh, modes in zip(meshes, plan.meshed, strict=True):
+    for mesh, modes in zip(meshes, plan.mesh_modes, strict=True):
         velocities = velocities_on(mesh, gains, plan.skin, modes)
         places = {int(mode): place for place, mode in enumerate(modes)}
-        tasks, found = [], []
+        tasks, mode_fields = [], []
         for group in plan.groups(modes):
-            given = {
+            inputs = {
                 "mesh": mesh,
                 "wave_numbers": plan.wave_numbers[group],
                 "velocities": velocities[:, [places[int(mode)] for mode in group]],
                 "modes": group,
             }
-            tasks.append(partial(keep, partial(solved, **given), **given))
-        for field in _results(tasks, together):
-            found.append(field)
-            done += len(field.modes)
-            progress("computing the timbre field", done / every)
-        parts.append(joined(found))
+            tasks.append(partial(keep, partial(solve_field, **inputs), **inputs))
+        for field in _results(tasks, task_count):
+            mode_fields.append(field)
+            done_count += len(field.modes)
+            progress("computing the timbre field", done_count / mode_count)
+        parts.append(join_fields(mode_fields))
     return parts
 
 
@@ -211,40 +227,44 @@ def fitting_mesh(skin: Mesh, planned: float, wall: float) -> Mesh:
     """
     edge = planned
     while True:
-        mesh = remeshed(skin, edge, wall)
+        mesh = remesh(skin, edge, wall)
         walls = Walls.of(mesh)
-        thin = walls.thinnest
-        if thin >= THINNEST:
+        wall_ratio = walls.min_ratio
+        if wall_ratio >= MIN_WALL_RATIO:
             return mesh
         edge *= _STEP
-        if edge < _SMALLEST * planned * (1 - 1e-9):
+        if edge < _MIN_EDGE_RATIO * planned * (1 - 1e-9):
             break
-    deep, where = walls.shallowest
-    place = ", ".join(rounded(each, 3) for each in where)
+    depth, position = walls.shallowest
+    place_text = ", ".join(rounded(coordinate, 3) for coordinate in position)
     raise MeshError(
-        f"the body is {rounded(1000 * deep, 2)} mm thick at ({place}) m, {rounded(thin, 2)} of the "
-        f"boundary elements there, of {THINNEST} at least, with {len(mesh.faces)} of them: keep "
+        f"the body is {rounded(1000 * depth, 2)} mm thick at ({place_text}) m, "
+        f"{rounded(wall_ratio, 2)} of the "
+        f"boundary elements there, of {MIN_WALL_RATIO} at least, with {len(mesh.faces)} of them: "
+        f"keep "
         "the model as it is, whose estimate of radiation needs no elements, or thicken the body "
         "there"
     )
 
 
-def _at_once(needed: float) -> int:
+def _count_concurrent(needed_bytes: float) -> int:
     """Return how many frequencies to solve at once, each in a thread, by the memory they need."""
     free = available()
-    fitting = thread_count() if free is None else int(free // max(needed, 1.0))
+    fitting = thread_count() if free is None else int(free // max(needed_bytes, 1.0))
     return max(min(thread_count(), fitting), 1)
 
 
-def _results(tasks: Sequence[Callable[[], SurfaceField]], together: int) -> Iterator[SurfaceField]:
+def _results(
+    tasks: Sequence[Callable[[], SurfaceField]], task_count: int
+) -> Iterator[SurfaceField]:
     """Yield the results of tasks in their order, some computed at once; none begins after an error.
 
     A frequency a thread scales better than threads within a factorisation, much of which is serial.
     """
-    if together == 1:
+    if task_count == 1:
         yield from (task() for task in tasks)
         return
-    threads = ThreadPoolExecutor(together)
+    threads = ThreadPoolExecutor(task_count)
     try:
         with threadpool_limits(1, user_api="blas"):
             yield from threads.map(lambda task: task(), tasks)
@@ -262,5 +282,7 @@ def velocities_on(mesh: Mesh, gains: ShapeGains, skin: Skin, modes: Index) -> Ar
     faces, weights = skin.mesh.locator.barycentric(mesh.points)
     corners = gains.surface.faces[skin.faces[faces]]
     velocities = normal_velocities(mesh, np.einsum("vc,vcdm->vdm", weights, shapes[corners]))
-    own = gains.surface.areas[skin.faces] @ normal_velocities(gains.surface, shapes)[skin.faces]
-    return velocities + (own - mesh.areas @ velocities) / mesh.areas.sum()
+    surface_fluxes = (
+        gains.surface.areas[skin.faces] @ normal_velocities(gains.surface, shapes)[skin.faces]
+    )
+    return velocities + (surface_fluxes - mesh.areas @ velocities) / mesh.areas.sum()

@@ -9,7 +9,7 @@ import numpy as np
 from struck.files.atomic import write_bytes
 from struck.model.arrays import Array
 from struck.model.mesh import Mesh
-from struck.solids.lattice import stuffed
+from struck.solids.lattice import stuff_body
 
 # Parts as rounded cones from one ball to another: (centre, radius) twice, m.
 _PARTS = (
@@ -24,7 +24,7 @@ _BOUNDS = np.array([(-0.08, -0.035, -0.024), (0.06, 0.035, 0.06)])
 
 def bird() -> Mesh:
     """Return the bird, 13 cm long, standing on a flat base; z points up."""
-    surface, _ = stuffed(_depth, _BOUNDS, _SPACING).surface()
+    surface, _ = stuff_body(_depth, _BOUNDS, _SPACING).surface()
     points = surface.points
     for _ in range(4):
         points = points - _depth(points)[:, None] * _gradients(points)

@@ -150,9 +150,9 @@ class RoundSection:
     @property
     def shear_terms(self) -> tuple[float, float]:
         """Terms p and q of Cowper's shear coefficient (1 + nu) / (p + q nu)."""
-        hollow = (self.bore / self.radius) ** 2
-        share = hollow / (1 + hollow) ** 2
-        return (7 + 20 * share) / 6, (6 + 12 * share) / 6
+        squared_ratio = (self.bore / self.radius) ** 2
+        term = squared_ratio / (1 + squared_ratio) ** 2
+        return (7 + 20 * term) / 6, (6 + 12 * term) / 6
 
     def skin(self, length: float, spacing: float) -> Mesh:
         """Return the surface of a bar along x from 0 to `length` m, with edges of `spacing`, m."""
@@ -194,9 +194,9 @@ class GivenSection:
 
     def __post_init__(self) -> None:
         for name, unit in (("area", "m^2"), ("second_moment", "m^4")):
-            wanted, value = "it must exceed 0, and 1e-36 is the least", getattr(self, name)
+            hint, value = "it must exceed 0, and 1e-36 is the least", getattr(self, name)
             label = f"{name} of the section"
-            require_number(label, value, 1e-36, 1e24, hint=wanted, unit=f" {unit}")
+            require_number(label, value, 1e-36, 1e24, hint=hint, unit=f" {unit}")
         if not 0 < self.shear_coefficient <= 1:
             raise OptionError(
                 f"shear_coefficient is {self.shear_coefficient}: it must lie above 0 and at most "
@@ -215,8 +215,8 @@ class GivenSection:
 
     def skin(self, length: float, spacing: float) -> Mesh:
         """Return the surface of an equivalent bar of a `length`, m, with edges of `spacing`, m."""
-        alike = RectangularSection(width=self.area / self.height, thickness=self.height)
-        return alike.skin(length, spacing)
+        equal_section = RectangularSection(width=self.area / self.height, thickness=self.height)
+        return equal_section.skin(length, spacing)
 
     def solid(self, length: float) -> tuple[Block, Turn]:
         """Refuse a solid of a `length`, m: constants alone are no body.
@@ -227,7 +227,7 @@ class GivenSection:
             Always.
         """
         raise OptionError(
-            f"a bar of {length} m with a GivenSection has no form of its own: give a "
+            f"a bar of {length} m with a GivenSection has no cross-section to mesh: give a "
             "RectangularSection or RoundSection, or take method='formula'"
         )
 
@@ -240,7 +240,7 @@ THEORIES = {
 }
 # Roots agree with those in forty digits to 2e-15.
 _ROUNDING = 1e-14
-_SLENDER = 5.0  # length over the wider side of the section from which a bar is slender
+_MIN_SLENDERNESS = 5.0  # length over the wider side of the section from which a bar is slender
 
 
 @checked
@@ -341,8 +341,8 @@ class Bar(Shape):
     @property
     def pair(self) -> tuple[str, str]:
         """Supports of the bar at x = 0 and at x = length."""
-        near, far = (self.ends, self.ends) if isinstance(self.ends, str) else self.ends
-        return near, far
+        start, end = (self.ends, self.ends) if isinstance(self.ends, str) else self.ends
+        return start, end
 
     @property
     def supported(self) -> bool:
@@ -361,14 +361,14 @@ class Bar(Shape):
         """Return every bending mode along z up to `highest` Hz."""
         unit = self._unit(material)
         modes = bending(self._beam(material), self.pair, (highest / unit) ** 2, self.length)
-        about, references = THEORIES[self.theory]
+        description, references = THEORIES[self.theory]
         return Vibration(
             frequencies=np.sqrt(modes.squared) * unit,
             forms=modes.forms,
             poisson_slopes=self._poisson_slopes(material, modes),
             errors=np.full(len(modes.squared), _ROUNDING),
             half_wave=self.length * float(np.pi / modes.forms.first.max(initial=np.pi)),
-            method=f"bending of a bar, ends {' and '.join(self.pair)}, by {about}",
+            method=f"bending of a bar, ends {' and '.join(self.pair)}, by {description}",
             references=references,
             details=self._details(material),
         )
@@ -377,8 +377,10 @@ class Bar(Shape):
     def playing_place(self) -> str | None:
         """Name of the place where it is struck by default: the end of a tube."""
         section = self.profile
-        hollow = isinstance(section, RoundSection) and (section.wall or math.inf) < section.radius
-        return "end" if hollow else None
+        is_hollow = (
+            isinstance(section, RoundSection) and (section.wall or math.inf) < section.radius
+        )
+        return "end" if is_hollow else None
 
     def solid(self) -> Counterpart:
         """Return the block or tube that the bar idealises, in this frame.
@@ -389,14 +391,14 @@ class Bar(Shape):
             On hinged or sliding ends, or a given section.
         """
         require_clamped_or_free("bar", self.pair)
-        solid, turn = self.profile.solid(self.length)
-        held = zip(self.pair, (0.0, self.length), strict=True)
+        solid, rotation = self.profile.solid(self.length)
+        supports = zip(self.pair, (0.0, self.length), strict=True)
         return Counterpart(
             solid=solid,
             of="Bar",
-            turn=turn,
+            turn=rotation,
             offset=(self.length / 2, 0.0, 0.0),
-            ends=tuple((0, place) for end, place in held if end == "clamped"),
+            ends=tuple((0, place) for end, place in supports if end == "clamped"),
         )
 
     @property
@@ -429,10 +431,11 @@ class Bar(Shape):
     def _details(self, material: Material) -> Mapping[str, object]:
         section = self.profile
         details: dict[str, object] = {}
-        slender = self.length / max(section.height, section.area / section.height)
-        if slender < _SLENDER:
+        slenderness = self.length / max(section.height, section.area / section.height)
+        if slenderness < _MIN_SLENDERNESS:
             details["caution"] = (
-                f"length is {rounded(slender, 2)} of the section's wider side, below {_SLENDER:g}: "
+                f"length is {rounded(slenderness, 2)} of the section's wider side, below "
+                f"{_MIN_SLENDERNESS:g}: "
                 "bars are taken as slender, and errors do not hold what that leaves out; with "
                 "free or clamped ends finite elements, method='fem', take the whole body"
             )

@@ -19,7 +19,7 @@ from struck.model.arrays import Array, Index
 Function = Callable[[Array, Array], Array]
 
 # Below this (b h)^2 differences of like terms lose digits, and a series takes over.
-_SLOW = 1e-2
+_SERIES_BOUNDARY = 1e-2
 _TINY = 1e-200
 
 
@@ -72,10 +72,10 @@ class StandingWaves:
         root = np.hypot(half, np.sqrt(squared))
         wave = squared * (beam.shear + beam.rotary) / 2 + root
         second = squared * (1 - squared * beam.rotary * beam.shear) / wave
-        # Of two turnings whose product is known, the smaller one follows from the larger one.
-        larger = (np.abs(half) + root) / wave
-        smaller = squared / (larger * wave**2)
-        slips = beam.shear >= beam.rotary
+        # The product of both turnings is known, so the smaller one follows from the larger one.
+        large_turning = (np.abs(half) + root) / wave
+        small_turning = squared / (large_turning * wave**2)
+        is_soft_in_shear = beam.shear >= beam.rotary
         return cls(
             beam=beam,
             squared=squared,
@@ -83,7 +83,9 @@ class StandingWaves:
             first=np.sqrt(wave),
             second=second,
             ratio=second / wave,
-            turnings=(smaller, larger) if slips else (larger, smaller),
+            turnings=(small_turning, large_turning)
+            if is_soft_in_shear
+            else (large_turning, small_turning),
         )
 
     def at_end(self) -> tuple[Array, Array, Array, Array]:
@@ -99,12 +101,12 @@ class StandingWaves:
         swing, growth = cosine * sine / phase, high * rise / phase
         middle = level(self.second, self.span, np.zeros(1)) ** 2
         mixed = phase * (1 + self.ratio)
-        even = _symmetric(
+        even = _stack_symmetric(
             (1 + swing) / 2,
             (sine * high + self.ratio * cosine * rise) / mixed,
             (middle + growth) / 2,
         )
-        odd = _symmetric(
+        odd = _stack_symmetric(
             (1 - swing) / 2,
             (sine * high - cosine * rise) / mixed,
             self._mean_square_of_rise(middle, growth),
@@ -113,50 +115,54 @@ class StandingWaves:
 
     def _mean_square_of_rise(self, middle: Array, growth: Array) -> Array:
         argument = self.second * self.span**2
-        slow = np.abs(argument) < _SLOW
+        is_slow = np.abs(argument) < _SERIES_BOUNDARY
         series = 1 / 3 + argument * (1 / 15 + argument * (2 / 315 + argument / 2835))
         return np.where(
-            slow,
+            is_slow,
             (self.first * self.span) ** 2 * middle * series,
-            (growth - middle) / (2 * np.where(slow, 1.0, self.ratio)),
+            (growth - middle) / (2 * np.where(is_slow, 1.0, self.ratio)),
         )
 
 
 def level(second: Array, span: float, u: Array) -> Array:
     """Return cosh(b u) / cosh(b span), or cos(|b| u) where b^2 = `second` lies below 0."""
-    return _either(
+    return _evaluate_waves(
         second, u, lambda b, at: _decaying_level(b, span, at), lambda b, at: np.cos(b * at)
     )
 
 
 def rising(second: Array, span: float, u: Array) -> Array:
     """Return sinh(b u) / (b cosh(b span)), or sin(|b| u) / |b| where b^2 lies below 0."""
-    return _either(
+    return _evaluate_waves(
         second, u, lambda b, at: _decaying_rise(b, span, at), lambda b, at: np.sin(b * at) / b
     )
 
 
-def _either(second: Array, u: Array, decaying: Function, travelling: Function) -> Array:
+def _evaluate_waves(second: Array, u: Array, decaying: Function, travelling: Function) -> Array:
     """Return one function of |b| and u where the second wave decays, the other where not."""
     b = np.sqrt(np.maximum(np.abs(second), _TINY))
     values = np.empty(np.broadcast_shapes(second.shape, u.shape))
-    for which, function in ((second >= 0, decaying), (second < 0, travelling)):
-        values[..., which] = function(b[which], u)
+    for is_chosen, function in ((second >= 0, decaying), (second < 0, travelling)):
+        values[..., is_chosen] = function(b[is_chosen], u)
     return values
 
 
 def _decaying_level(b: Array, span: float, u: Array) -> Array:
-    far = np.abs(u)
-    return np.exp(b * (far - span)) * (1 + np.exp(-2 * b * far)) / (1 + np.exp(-2 * b * span))
+    distances = np.abs(u)
+    return (
+        np.exp(b * (distances - span))
+        * (1 + np.exp(-2 * b * distances))
+        / (1 + np.exp(-2 * b * span))
+    )
 
 
 def _decaying_rise(b: Array, span: float, u: Array) -> Array:
-    far = np.abs(u)
-    rise = -np.expm1(-2 * b * far) / (b * (1 + np.exp(-2 * b * span)))
-    return np.sign(u) * np.exp(b * (far - span)) * rise
+    distances = np.abs(u)
+    rise = -np.expm1(-2 * b * distances) / (b * (1 + np.exp(-2 * b * span)))
+    return np.sign(u) * np.exp(b * (distances - span)) * rise
 
 
-def _symmetric(first: Array, mixed: Array, second: Array) -> Array:
+def _stack_symmetric(first: Array, mixed: Array, second: Array) -> Array:
     rows = [np.stack([first, mixed], axis=-1), np.stack([mixed, second], axis=-1)]
     return np.stack(rows, axis=-2)
 
@@ -177,57 +183,59 @@ _HALVINGS = 64
 class Family:
     """Motions of one symmetry about an origin, with conditions at an end of the beam."""
 
-    # "even" or "odd"; "both" between a free and a clamped end, where no mirror tells them apart
+    # "even" or "odd"; "both" between a free and a clamped end, where there is no symmetry
     kind: str
     end: str  # one of ENDS
     span: float  # from the origin to the end, in lengths of the beam
 
-    def frequencies(self, beam: Beam, highest: float) -> tuple[Array, Array]:
-        """Return squared frequencies (M,) up to `highest`, unsorted, and wave amplitudes (M, 4)."""
+    def frequencies(self, beam: Beam, max_eigenvalue: float) -> tuple[Array, Array]:
+        """Return squared frequencies (M,) up to a maximum, unsorted, and wave amplitudes (M, 4)."""
         if self.end in _MIRRORS:
-            return self._between_mirrors(beam, highest)
-        squared = self._counted(beam, highest)
-        waves = StandingWaves.at(beam, squared, self.span)
-        amplitudes = np.zeros((len(squared), 4))
+            return self._find_between_mirrors(beam, max_eigenvalue)
+        eigenvalues = self._find_by_count(beam, max_eigenvalue)
+        waves = StandingWaves.at(beam, eigenvalues, self.span)
+        amplitudes = np.zeros((len(eigenvalues), 4))
         # What the conditions let through: the direction that they map to nothing.
         amplitudes[:, _COLUMNS[self.kind]] = np.linalg.svd(self._conditions(waves))[2][:, -1]
-        return squared, amplitudes
+        return eigenvalues, amplitudes
 
-    def _between_mirrors(self, beam: Beam, highest: float) -> tuple[Array, Array]:
+    def _find_between_mirrors(self, beam: Beam, max_eigenvalue: float) -> tuple[Array, Array]:
         """Return modes of one wave alone: whole numbers of quarter waves fit between mirrors."""
-        bound = StandingWaves.at(beam, np.array([highest]), self.span)
+        limit_waves = StandingWaves.at(beam, np.array([max_eigenvalue]), self.span)
         shift = 0.5 if (self.end == "hinged") == (self.kind == "even") else 0.0
-        first = beam.first(self._fitting(bound.first, shift))
-        second = np.empty(0)
-        if bound.second < 0:
-            second = beam.second(self._fitting(np.sqrt(-bound.second), shift))
+        bending_eigenvalues = beam.first(self._fitting(limit_waves.first, shift))
+        shear_eigenvalues = np.empty(0)
+        if limit_waves.second < 0:
+            shear_eigenvalues = beam.second(self._fitting(np.sqrt(-limit_waves.second), shift))
             if self.end == "hinged" and self.kind == "odd":
                 # Sections turn to and fro all along while the bar stays straight.
-                second = np.append(second, beam.second(np.zeros(1)))
-        amplitudes = np.zeros((len(first) + len(second), 4))
+                shear_eigenvalues = np.append(shear_eigenvalues, beam.second(np.zeros(1)))
+        amplitudes = np.zeros((len(bending_eigenvalues) + len(shear_eigenvalues), 4))
         column = _COLUMNS[self.kind].start
-        amplitudes[: len(first), column] = amplitudes[len(first) :, column + 1] = 1.0
-        squared = np.concatenate([first, second])
-        return squared[squared <= highest], amplitudes[squared <= highest]
+        amplitudes[: len(bending_eigenvalues), column] = amplitudes[
+            len(bending_eigenvalues) :, column + 1
+        ] = 1.0
+        eigenvalues = np.concatenate([bending_eigenvalues, shear_eigenvalues])
+        return eigenvalues[eigenvalues <= max_eigenvalue], amplitudes[eigenvalues <= max_eigenvalue]
 
-    def _fitting(self, largest: Array, shift: float) -> Array:
+    def _fitting(self, max_wave_numbers: Array, shift: float) -> Array:
         """Return the wave numbers up to the largest (and one more) that fit."""
-        _require_few(float(largest[0] * self.span / np.pi))
-        count = int(largest[0] * self.span / np.pi) + 1
+        _require_few(float(max_wave_numbers[0] * self.span / np.pi))
+        count = int(max_wave_numbers[0] * self.span / np.pi) + 1
         return (np.arange(1.0, count + 1) - shift) * (np.pi / self.span)
 
-    def _counted(self, beam: Beam, highest: float) -> Array:
+    def _find_by_count(self, beam: Beam, max_eigenvalue: float) -> Array:
         """Return squared frequencies by halving intervals until each holds one root."""
 
         def count(root: Array) -> Index:
             return self.count(StandingWaves.at(beam, root**4, self.span))
 
         low = beam.first(np.array([_LEAST_PHASE / self.span])) ** 0.25
-        high = np.array([highest**0.25])
+        high = np.array([max_eigenvalue**0.25])
         if high <= low:
             return np.empty(0)
         _require_few(float(count(high)[0]))
-        return _halved(count, np.arange(count(low)[0], count(high)[0]) + 1, low, high) ** 4
+        return _bisect(count, np.arange(count(low)[0], count(high)[0]) + 1, low, high) ** 4
 
     def count(self, waves: StandingWaves) -> Index:
         """Return the number of natural frequencies below each wave's, rigid motions included.
@@ -238,44 +246,46 @@ class Family:
         one member).
         """
         if self.kind == "both":
-            hinged = Family(kind="odd", end="clamped", span=2 * self.span)
-            whole = StandingWaves.at(waves.beam, waves.squared, 2 * self.span)
-            least, step = hinged.count(whole), 1
+            hinged_family = Family(kind="odd", end="clamped", span=2 * self.span)
+            full_waves = StandingWaves.at(waves.beam, waves.squared, 2 * self.span)
+            min_counts, step = hinged_family.count(full_waves), 1
         else:
-            least, step = self._count_hinged(waves), 1 if self.end == "free" else -1
+            min_counts, step = self._count_hinged(waves), 1 if self.end == "free" else -1
         determinant = np.linalg.det(self._conditions(waves))
-        upward = self.end == "clamped" and self.kind != "both"
-        return least + step * ((least % 2 == 0) != ((determinant > 0) == upward))
+        has_positive_start = self.end == "clamped" and self.kind != "both"
+        return min_counts + step * (
+            (min_counts % 2 == 0) != ((determinant > 0) == has_positive_start)
+        )
 
     def _count_hinged(self, waves: StandingWaves) -> Index:
         """Return how many frequencies lie below with the end hinged."""
         phase = waves.first * self.span / np.pi
-        travels = waves.second < 0
-        other = np.sqrt(np.abs(waves.second)) * self.span / np.pi
+        is_travelling = waves.second < 0
+        second_phase = np.sqrt(np.abs(waves.second)) * self.span / np.pi
         if self.kind == "even":
-            counts = np.floor(phase + 0.5) + travels * np.floor(other + 0.5)
+            counts = np.floor(phase + 0.5) + is_travelling * np.floor(second_phase + 0.5)
         else:
-            counts = np.floor(phase) + travels * (np.floor(other) + 1)
+            counts = np.floor(phase) + is_travelling * (np.floor(second_phase) + 1)
         return counts.astype(np.int64)
 
     def _conditions(self, waves: StandingWaves) -> Array:
         """Return matrices (M, n, n) with zero determinant at natural frequencies, n = 2 or 4."""
         rows = _at(self.end, waves)
         if self.kind == "both":
-            other = "free" if self.end == "clamped" else "clamped"
-            rows = np.concatenate([_at(other, waves) * REFLECTION, rows], axis=1)
+            other_end = "free" if self.end == "clamped" else "clamped"
+            rows = np.concatenate([_at(other_end, waves) * REFLECTION, rows], axis=1)
         return rows[:, :, _COLUMNS[self.kind]]
 
 
 def families(ends: tuple[str, str]) -> tuple[float, list[Family]]:
     """Return the origin, in lengths from x = 0, and the families of motions of a beam."""
-    near, far = ends
-    if near in _MIRRORS:
-        return 0.0, [Family(kind=_MIRRORS[near], end=far, span=1.0)]
-    if far in _MIRRORS:
-        return 1.0, [Family(kind=_MIRRORS[far], end=near, span=1.0)]
-    kinds = ("even", "odd") if near == far else ("both",)
-    return 0.5, [Family(kind=kind, end=far, span=0.5) for kind in kinds]
+    start, end = ends
+    if start in _MIRRORS:
+        return 0.0, [Family(kind=_MIRRORS[start], end=end, span=1.0)]
+    if end in _MIRRORS:
+        return 1.0, [Family(kind=_MIRRORS[end], end=start, span=1.0)]
+    kinds = ("even", "odd") if start == end else ("both",)
+    return 0.5, [Family(kind=kind, end=end, span=0.5) for kind in kinds]
 
 
 def _at(end: str, waves: StandingWaves) -> Array:
@@ -298,14 +308,14 @@ def _at(end: str, waves: StandingWaves) -> Array:
     return np.moveaxis(np.array(rows), -1, 0)
 
 
-def _halved(count: Callable[[Array], Index], numbers: Index, low: Array, high: Array) -> Array:
+def _bisect(count: Callable[[Array], Index], numbers: Index, low: Array, high: Array) -> Array:
     """Return the values at which a count first reaches each of `numbers`, by bisection."""
-    below, above = np.full(len(numbers), low[0]), np.full(len(numbers), high[0])
+    lows, highs = np.full(len(numbers), low[0]), np.full(len(numbers), high[0])
     for _ in range(_HALVINGS):
-        middle = (below + above) / 2
+        middle = (lows + highs) / 2
         reached = count(middle) >= numbers
-        below, above = np.where(reached, below, middle), np.where(reached, middle, above)
-    return (below + above) / 2
+        lows, highs = np.where(reached, lows, middle), np.where(reached, middle, highs)
+    return (lows + highs) / 2
 
 
 def _require_few(count: float) -> None:
@@ -338,16 +348,16 @@ class BendingForms:
         """Return the deflections at x in m (K, 1): (K, M)."""
         u = np.clip(np.asarray(places)[:, :1] / self.length, 0.0, 1.0) - self.origin
         functions = (
-            lambda some: np.cos(u * self.first[some]),
-            lambda some: level(self.second[some], self.span, u),
-            lambda some: np.sin(u * self.first[some]),
-            lambda some: rising(self.second[some], self.span, u),
+            lambda modes: np.cos(u * self.first[modes]),
+            lambda modes: level(self.second[modes], self.span, u),
+            lambda modes: np.sin(u * self.first[modes]),
+            lambda modes: rising(self.second[modes], self.span, u),
         )
         values = np.zeros((len(u), len(self.first)))
         for amplitudes, function in zip(self.amplitudes.T, functions, strict=True):
             # Even and odd modes need half of the functions each.
-            some = np.flatnonzero(amplitudes)
-            values[:, some] += amplitudes[some] * function(some)
+            modes = np.flatnonzero(amplitudes)
+            values[:, modes] += amplitudes[modes] * function(modes)
         return values
 
     def chosen(self, modes: Index) -> Self:
@@ -369,15 +379,15 @@ class Bending:
     shear_shares: Array  # (M,), potential energy of shear over all potential energy
 
 
-def bending(beam: Beam, ends: tuple[str, str], highest: float, length: float) -> Bending:
-    """Return all elastic modes with squared frequencies up to `highest`, E I / (rho A L^4)."""
+def bending(beam: Beam, ends: tuple[str, str], max_eigenvalue: float, length: float) -> Bending:
+    """Return all elastic modes up to the squared frequency `max_eigenvalue`, E I / (rho A L^4)."""
     origin, kinds = families(ends)
-    found = [family.frequencies(beam, highest) for family in kinds]
-    squared = np.concatenate([one for one, _ in found])
-    order = np.argsort(squared, kind="stable")
-    waves = StandingWaves.at(beam, squared[order], kinds[0].span)
-    amplitudes = np.concatenate([one for _, one in found])[order]
-    amplitudes, shares = _normalised(waves, amplitudes)
+    family_modes = [family.frequencies(beam, max_eigenvalue) for family in kinds]
+    eigenvalues = np.concatenate([one for one, _ in family_modes])
+    order = np.argsort(eigenvalues, kind="stable")
+    waves = StandingWaves.at(beam, eigenvalues[order], kinds[0].span)
+    amplitudes = np.concatenate([one for _, one in family_modes])[order]
+    amplitudes, shares = _normalise(waves, amplitudes)
     forms = BendingForms(
         length=length,
         origin=origin,
@@ -389,15 +399,15 @@ def bending(beam: Beam, ends: tuple[str, str], highest: float, length: float) ->
     return Bending(squared=waves.squared, forms=forms, shear_shares=shares)
 
 
-def _normalised(waves: StandingWaves, amplitudes: Array) -> tuple[Array, Array]:
+def _normalise(waves: StandingWaves, amplitudes: Array) -> tuple[Array, Array]:
     """Return amplitudes of modes with unit kinetic energy, and their shares of shear energy."""
     even, odd = amplitudes[:, :2], amplitudes[:, 2:]
     first, second = (part[:, None] for part in waves.turnings)
     one, ratio = np.ones_like(first), waves.ratio[:, None]
-    along, across = waves.products()
+    even_products, odd_products = waves.products()
 
-    def mean_square(at_even: Array, at_odd: Array) -> Array:
-        return _quadratic(along, at_even) + _quadratic(across, at_odd)
+    def mean_square(even_part: Array, odd_part: Array) -> Array:
+        return _sum_products(even_products, even_part) + _sum_products(odd_products, odd_part)
 
     deflection = mean_square(even, odd * np.hstack([one, ratio]))
     turning = mean_square(odd * np.hstack([first, second]), even * np.hstack([-first, second]))
@@ -408,7 +418,7 @@ def _normalised(waves: StandingWaves, amplitudes: Array) -> tuple[Array, Array]:
     return amplitudes / np.sqrt(energy)[:, None], shares
 
 
-def _quadratic(products: Array, amplitudes: Array) -> Array:
+def _sum_products(products: Array, amplitudes: Array) -> Array:
     return np.einsum("mi,mij,mj->m", amplitudes, products, amplitudes)
 
 

@@ -20,11 +20,12 @@ from struck.model.arrays import Array, Index
 _TERMS = 13
 # Orders above the argument from which the recurrence starts downwards: by then J is below 1e-20.
 _RUN_UP = 30
-_AT_ONCE = 256  # arguments: what their recurrence works on stays near the processor
+# Arguments at a time, so that the arrays of the recurrence fit the processor's cache.
+_BATCH_SIZE = 256
 
 
 @lru_cache(maxsize=64)
-def regular(step: float, count: int, cells: int) -> Array:
+def tabulate_regular(step: float, count: int, cells: int) -> Array:
     """Return a Chebyshev table (cells, _TERMS, count) of Bessel functions without their power of x.
 
     J_nu(x) Gamma(nu + 1) (2 / x)^nu = 0F1(; nu + 1; -x^2 / 4) for nu = step (1, 2, ...), from x = 0
@@ -33,18 +34,18 @@ def regular(step: float, count: int, cells: int) -> Array:
     orders, samples = step * np.arange(1, count + 1, dtype=np.float64), _samples(cells)
     values = np.empty((len(samples), count))
     fill(orders, samples, values)
-    return _fitted(values.reshape(cells, _TERMS, count))
+    return _fit_series(values.reshape(cells, _TERMS, count))
 
 
 @lru_cache(maxsize=16)
-def irregular(cells: int) -> Array:
+def tabulate_irregular(cells: int) -> Array:
     """Return a Chebyshev table (cells, _TERMS, 2) of J_0 and of Y_0 without its logarithm.
 
     Y_0(x) = (2 / pi) ln(x / 2) J_0(x) + an entire function (Olver et al. 2010, 10.8.2).
     """
     samples = _samples(cells)
-    entire = y0(samples) - 2 / np.pi * np.log(samples / 2) * j0(samples)
-    return _fitted(np.stack([j0(samples), entire], axis=-1).reshape(cells, _TERMS, 2))
+    entire_part = y0(samples) - 2 / np.pi * np.log(samples / 2) * j0(samples)
+    return _fit_series(np.stack([j0(samples), entire_part], axis=-1).reshape(cells, _TERMS, 2))
 
 
 def _samples(cells: int) -> Array:
@@ -52,7 +53,7 @@ def _samples(cells: int) -> Array:
     return (np.arange(cells)[:, None] + 0.5 + chebyshev.chebpts1(_TERMS) / 2).ravel()
 
 
-def _fitted(values: Array) -> Array:
+def _fit_series(values: Array) -> Array:
     """Return Chebyshev coefficients from values at the points of each cell, both along axis 1."""
     series = np.linalg.inv(chebyshev.chebvander(chebyshev.chebpts1(_TERMS), _TERMS - 1))
     table = np.ascontiguousarray(np.einsum("dp,cpk->cdk", series, values))
@@ -69,54 +70,54 @@ def fill(orders: Array, arguments: Array, values: Array) -> None:
     x to underflow.
     """
     steps = np.floor(orders).astype(int)
-    for start in range(0, len(arguments), _AT_ONCE):
-        part = slice(start, start + _AT_ONCE)
-        highest = float(max(orders.max(), arguments[part].max()))
-        top = int(highest) + _RUN_UP + int(3 * highest ** (1 / 3))
+    for start in range(0, len(arguments), _BATCH_SIZE):
+        part = slice(start, start + _BATCH_SIZE)
+        max_order = float(max(orders.max(), arguments[part].max()))
+        top = int(max_order) + _RUN_UP + int(3 * max_order ** (1 / 3))
         quarter = arguments[part, None] ** 2 / 4
         _recur(orders - steps, steps, quarter, top + top % 2, values[part])
 
 
-def _recur(lowest: Array, steps: Index, quarter: Array, top: int, values: Array) -> None:
+def _recur(base_orders: Array, steps: Index, quarter: Array, top: int, values: Array) -> None:
     """Write the series of orders `lowest + steps` (n,) at (x / 2)^2 (K, 1) into values (K, n)."""
-    above, here, work = np.zeros_like(values), np.ones_like(values), np.empty_like(values)
-    total = np.ones_like(values)
+    next_terms, terms, products = np.zeros_like(values), np.ones_like(values), np.empty_like(values)
+    sums = np.ones_like(values)
     for n in range(top - 1, -1, -1):
-        np.multiply(quarter, 1 / ((lowest + n + 1) * (lowest + n + 2)), out=work)
-        np.multiply(work, above, out=work)
-        np.subtract(here, work, out=above)
-        above, here = here, above
+        np.multiply(quarter, 1 / ((base_orders + n + 1) * (base_orders + n + 2)), out=products)
+        np.multiply(products, next_terms, out=products)
+        np.subtract(terms, products, out=next_terms)
+        next_terms, terms = terms, next_terms
         reached = steps == n
         if reached.any():
-            values[:, reached] = here[:, reached]
+            values[:, reached] = terms[:, reached]
         if n % 2 == 0:  # Neumann's sum from its end: each term contains the next one's weight
             k = n // 2
-            share = (lowest + k) / (lowest + n) if n else 1.0
-            np.multiply(quarter, share / ((k + 1) * (lowest + n + 1)), out=work)
-            np.multiply(total, work, out=total)
-            np.add(total, here, out=total)
-    values /= total
+            weight = (base_orders + k) / (base_orders + n) if n else 1.0
+            np.multiply(quarter, weight / ((k + 1) * (base_orders + n + 1)), out=products)
+            np.multiply(sums, products, out=sums)
+            np.add(sums, terms, out=sums)
+    values /= sums
 
 
 def series(arguments: Array, table: Array) -> Array:
-    """Sum Chebyshev series, one cell (13, n) a unit of argument, at arguments (K,): (K, n)."""
-    compiled, sums = entry("bessel_series_sum"), _room(arguments, table)
-    if compiled is None:
-        at, terms = _within(arguments, table)
+    """Sum Chebyshev series, one cell (13, n) per unit of argument, at arguments (K,): (K, n)."""
+    kernel, sums = entry("bessel_series_sum"), _room(arguments, table)
+    if kernel is None:
+        at, terms = _locate_cells(arguments, table)
         sums[:] = chebyshev.chebval(at, terms, tensor=False)
     else:
-        compiled(*sums.shape, arguments, table, sums)
+        kernel(*sums.shape, arguments, table, sums)
     return sums
 
 
 def series_slope(arguments: Array, table: Array) -> Array:
     """Sum the derivatives of Chebyshev series at arguments (K,): (K, n)."""
-    compiled, slopes = entry("bessel_series_slope"), _room(arguments, table)
-    if compiled is None:
-        at, terms = _within(arguments, table)
+    kernel, slopes = entry("bessel_series_slope"), _room(arguments, table)
+    if kernel is None:
+        at, terms = _locate_cells(arguments, table)
         slopes[:] = 2 * chebyshev.chebval(at, chebyshev.chebder(terms), tensor=False)
     else:
-        compiled(*slopes.shape, arguments, table, slopes)
+        kernel(*slopes.shape, arguments, table, slopes)
     return slopes
 
 
@@ -127,13 +128,13 @@ def pair(arguments: Array, table: Array) -> Array:
 
 def _room(arguments: Array, table: Array) -> Array:
     """Return an array for sums (K, n) at arguments (K,), which must lie in the table's cells."""
-    least, most = arguments.min(initial=0.0), arguments.max(initial=0.0)
-    if not 0 <= least <= most < len(table):  # what is not a number is not inside either
-        raise OptionError(f"arguments from {least} to {most} for a table of {len(table)} cells")
+    low, high = arguments.min(initial=0.0), arguments.max(initial=0.0)
+    if not 0 <= low <= high < len(table):  # NaN is refused as well
+        raise OptionError(f"arguments from {low} to {high} for a table of {len(table)} cells")
     return np.empty((len(arguments), table.shape[2]))
 
 
-def _within(arguments: Array, table: Array) -> tuple[Array, Array]:
+def _locate_cells(arguments: Array, table: Array) -> tuple[Array, Array]:
     """Return places from -1 to 1 in the arguments' cells (K, 1) and their terms (13, K, n)."""
     cells = arguments.astype(np.int64)
     return (2 * (arguments - cells) - 1)[:, None], np.moveaxis(table[cells], 1, 0)

@@ -15,7 +15,7 @@ from scipy.interpolate import BarycentricInterpolator
 from struck.errors import OptionError
 from struck.model.arrays import Array, Index, checked
 from struck.model.material import Material
-from struck.shapes.bessel import at_edge, membrane_roots, ring_parts
+from struck.shapes.bessel import edge_values, membrane_roots, ring_parts
 from struck.shapes.shape import Shape, Vibration, require_countable, require_tension
 from struck.shapes.skins import Disk, Sheet
 from struck.solids.resolution import require_length
@@ -41,57 +41,60 @@ class RoundForms:
         """Return the forms at places (K, 2), m: (K, M). Beyond the edge: as on it."""
         x, y = np.asarray(places, dtype=np.float64)[:, :2].T
         distance = np.clip(np.hypot(x, y) / self.radius, self.ratio, 1.0)
-        return self._radial(distance) * self._around(np.arctan2(y, x))
+        return self._compute_radial(distance) * self._compute_angular(np.arctan2(y, x))
 
     def chosen(self, modes: Index) -> Self:
         """Return the forms of some modes, in that order."""
         names = ("orders", "sines", "wavenumbers", "regular", "singular", "growing")
         return replace(self, **{name: getattr(self, name)[modes] for name in names})
 
-    def _around(self, angles: Array) -> Array:
+    def _compute_angular(self, angles: Array) -> Array:
         orders, back = np.unique(self.orders, return_inverse=True)
-        turns = angles[:, None] * orders
-        waves = np.concatenate([np.cos(turns), np.sin(turns)], axis=1)
+        phases = angles[:, None] * orders
+        waves = np.concatenate([np.cos(phases), np.sin(phases)], axis=1)
         return waves[:, back + len(orders) * self.sines]
 
-    def _radial(self, distances: Array) -> Array:
+    def _compute_radial(self, distances: Array) -> Array:
         """Return the factors that depend on the distance (K, M), for each pair of modes once."""
         _, first, back = np.unique(
             self.orders + 1j * self.wavenumbers, return_index=True, return_inverse=True
         )
         pairs = self.chosen(first)
-        count = _enough(float(self.wavenumbers.max(initial=0.0)), self.ratio)
-        radial = np.empty((len(distances), len(pairs.orders)))
-        for part, more in ((pairs.singular == 0, 0), (pairs.singular != 0, self._more())):
-            function = partial(_exact, pairs.chosen(np.flatnonzero(part)))
-            radial[:, part] = _carried(function, distances, count + more, self.ratio)
-        return radial[:, back]
+        count = _count_points(float(self.wavenumbers.max(initial=0.0)), self.ratio)
+        factors = np.empty((len(distances), len(pairs.orders)))
+        for part, extra_points in (
+            (pairs.singular == 0, 0),
+            (pairs.singular != 0, self._count_extra_points()),
+        ):
+            function = partial(_compute_factors, pairs.chosen(np.flatnonzero(part)))
+            factors[:, part] = _interpolate(function, distances, count + extra_points, self.ratio)
+        return factors[:, back]
 
-    def _more(self) -> int:
+    def _count_extra_points(self) -> int:
         """Return how many more points Y_m needs, which is singular at the centre."""
         return int(20 / np.arctanh(np.sqrt(self.ratio))) if self.ratio else 0
 
 
-def _exact(forms: RoundForms, distances: Array) -> Array:
+def _compute_factors(forms: RoundForms, distances: Array) -> Array:
     """Return the factors that depend on the distance (K, M)."""
     at = distances[:, None] * forms.wavenumbers
-    total = forms.regular * special.jv(forms.orders, at)
+    factors = forms.regular * special.jv(forms.orders, at)
     ring, plate = np.flatnonzero(forms.singular), np.flatnonzero(forms.growing)
-    total[:, ring] += forms.singular[ring] * special.yv(forms.orders[ring], at[:, ring])
-    total[:, plate] += forms.growing[plate] * _growing(
+    factors[:, ring] += forms.singular[ring] * special.yv(forms.orders[ring], at[:, ring])
+    factors[:, plate] += forms.growing[plate] * _growing(
         forms.orders[plate], forms.wavenumbers[plate], distances
     )
-    return total
+    return factors
 
 
 def _growing(orders: Index, wavenumbers: Array, distances: Array) -> Array:
     """Return I_m(x r) / I_m(x) without overflow."""
     r = distances[:, None]
-    scaled = special.ive(orders, wavenumbers * r) / special.ive(orders, wavenumbers)
-    return np.asarray(scaled * np.exp(wavenumbers * (r - 1)), dtype=np.float64)
+    ratios = special.ive(orders, wavenumbers * r) / special.ive(orders, wavenumbers)
+    return np.asarray(ratios * np.exp(wavenumbers * (r - 1)), dtype=np.float64)
 
 
-def _enough(wavenumber: float, ratio: float) -> int:
+def _count_points(wavenumber: float, ratio: float) -> int:
     """Return how many Chebyshev points carry J_m and I_m to rounding.
 
     Two a wavelength and some more (Trefethen, "Approximation Theory and Approximation Practice",
@@ -101,7 +104,7 @@ def _enough(wavenumber: float, ratio: float) -> int:
     return int(half + 12 * np.cbrt(half)) + 25
 
 
-def _carried(function: Radial, distances: Array, count: int, ratio: float) -> Array:
+def _interpolate(function: Radial, distances: Array, count: int, ratio: float) -> Array:
     """Return a function of the distance from `ratio` to 1, interpolated where that is quicker."""
     if len(distances) <= count:
         return function(distances)
@@ -112,32 +115,32 @@ def _carried(function: Radial, distances: Array, count: int, ratio: float) -> Ar
     return BarycentricInterpolator(nodes, function(nodes), wi=weights)(distances)
 
 
-def with_pairs(roots: Array) -> tuple[Index, Index, Array]:
+def expand_pairs(roots: Array) -> tuple[Index, Index, Array]:
     """Return orders, 1 for sines, and roots of all modes (M,), ascending, from roots (orders, K).
 
-    Each finite root is a mode that goes as a cosine around and, but for order 0, another that goes
-    as a sine.
+    Each finite root is a mode that varies as a cosine around and, except for order 0, another that
+    varies as a sine.
     """
     orders, columns = np.nonzero(np.isfinite(roots))
-    turned = np.flatnonzero(orders > 0)
-    every = np.append(np.arange(len(orders)), turned)
-    sines = np.append(np.zeros_like(orders), np.ones_like(turned))
-    found = roots[orders, columns][every]
-    ascending = np.lexsort((sines, orders[every], found))
-    return orders[every][ascending], sines[ascending], found[ascending]
+    sine_modes = np.flatnonzero(orders > 0)
+    indices = np.append(np.arange(len(orders)), sine_modes)
+    sines = np.append(np.zeros_like(orders), np.ones_like(sine_modes))
+    mode_roots = roots[orders, columns][indices]
+    ascending = np.lexsort((sines, orders[indices], mode_roots))
+    return orders[indices][ascending], sines[ascending], mode_roots[ascending]
 
 
 _ROUNDING = 1e-13
 
 
 def _round_membrane(
-    disk: Disk, thickness: float, tension: float, material: Material, highest: float
+    disk: Disk, thickness: float, tension: float, material: Material, max_frequency: float
 ) -> Vibration:
-    """Return every mode up to `highest` Hz of a disk or ring held at its edges; tension in N/m."""
+    """Return every mode up to a frequency, Hz, of a disk or ring held at its edges; N/m tension."""
     speed, radius = math.sqrt(tension / (material.density * thickness)), disk.radius
-    ratio, wavenumber = disk.hole / radius, 2 * math.pi * highest / speed
-    require_countable("membrane", disk.area, wavenumber, highest)
-    orders, sines, roots = with_pairs(membrane_roots(radius * wavenumber, ratio))
+    ratio, wavenumber = disk.hole / radius, 2 * math.pi * max_frequency / speed
+    require_countable("membrane", disk.area, wavenumber, max_frequency)
+    orders, sines, roots = expand_pairs(membrane_roots(radius * wavenumber, ratio))
     return Vibration(
         frequencies=speed / (2 * math.pi * radius) * roots,
         forms=_forms(radius, ratio, (orders, sines), roots),
@@ -154,22 +157,22 @@ def _round_membrane(
 def _forms(radius: float, ratio: float, waves: tuple[Index, Index], roots: Array) -> RoundForms:
     orders, sines = waves
     parts = _disk(orders, roots) if ratio == 0 else _ring(orders, roots, ratio)
-    around = np.where(orders > 0, math.sqrt(2), 1.0)
+    scales = np.where(orders > 0, math.sqrt(2), 1.0)
     return RoundForms(
         radius=radius,
         ratio=ratio,
         orders=orders,
         sines=sines,
         wavenumbers=roots,
-        regular=around * parts[0],
-        singular=around * parts[1],
+        regular=scales * parts[0],
+        singular=scales * parts[1],
         growing=np.zeros(len(roots)),
     )
 
 
 def _disk(orders: Index, roots: Array) -> tuple[Array, Array]:
     """Return the factors of J_m and Y_m: the mean square of J_m is J_{m+1}(x)^2."""
-    _, following, _ = at_edge(orders.astype(float), roots)
+    _, following, _ = edge_values(orders.astype(float), roots)
     return 1 / np.abs(following), np.zeros(len(roots))
 
 

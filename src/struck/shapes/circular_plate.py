@@ -12,18 +12,18 @@ from struck.model.arrays import Array, Index, checked
 from struck.model.material import Material
 from struck.shapes.bessel import (
     Function,
-    at_edge,
-    enclosed,
+    edge_values,
+    find_enclosed_roots,
     require_counts,
     separators,
     zeros_below,
 )
-from struck.shapes.circular_membrane import RoundForms, with_pairs
+from struck.shapes.circular_membrane import RoundForms, expand_pairs
 from struck.shapes.shape import (
     Counterpart,
     Shape,
     Vibration,
-    overstated,
+    plate_overestimate,
     require_clamped_or_free,
     require_countable,
     thinness,
@@ -37,12 +37,12 @@ EDGES = ("free", "supported", "clamped")
 # Waves along a free rim have at least 0.98 of the number of those around it (Konenkov 1960).
 _RIM_WAVE = 0.9
 # Phases, over pi, past the k-th root, after which the next cannot be missed.
-_PAST_CLAMPED, _PAST_SUPPORTED = 0.4, 1.2
-_COARSE = 1e-7
+_CLAMPED_PHASE, _SUPPORTED_PHASE = 0.4, 1.2
+_COARSE_PRECISION = 1e-7
 
 
-def plate_roots(edge: str, highest: float, poisson_ratio: float) -> Array:
-    """Return lambda (M, K) up to `highest` of a plate with m nodal diameters, infinity beyond.
+def plate_roots(edge: str, max_root: float, poisson_ratio: float) -> Array:
+    """Return lambda (M, K) up to `max_root` of a plate with m nodal diameters, infinity beyond.
 
     Rows of a free plate with m below 2 begin with infinity: rigid motions are left out. The ratio
     of a load on the edge to its displacement falls, or rises, with lambda between its poles, by
@@ -55,14 +55,14 @@ def plate_roots(edge: str, highest: float, poisson_ratio: float) -> Array:
     - free: one root between successive roots of the supported plate, and, with two or more nodal
       diameters, one below them all.
 
-    The signs at `highest` decide how many there are below.
+    The signs at `max_root` decide how many there are below.
     """
-    orders = np.arange(int(highest / _RIM_WAVE) + 2, dtype=float)
-    held = zeros_below(orders, highest)
+    orders = np.arange(int(max_root / _RIM_WAVE) + 2, dtype=float)
+    root_counts = zeros_below(orders, max_root)
     if edge == "clamped":
-        places = separators(orders, highest, _PAST_CLAMPED)
-        roots = enclosed(clamped_edge, places, highest)
-        require_counts(roots, _counts(clamped_edge, highest, held - 1, 1))
+        places = separators(orders, max_root, _CLAMPED_PHASE)
+        roots = find_enclosed_roots(clamped_edge, places, max_root)
+        require_counts(roots, _counts(clamped_edge, max_root, root_counts - 1, 1))
         return roots
 
     def hinge(m: Array, x: Array) -> Array:
@@ -71,49 +71,51 @@ def plate_roots(edge: str, highest: float, poisson_ratio: float) -> Array:
     def rim(m: Array, x: Array) -> Array:
         return free_edge(m, x, poisson_ratio)
 
-    precision = {"precision": _COARSE} if edge == "free" else {}
-    places = _below_supported(orders, highest, poisson_ratio)
-    hinged = enclosed(hinge, places, highest, **precision)
-    held = _counts(hinge, highest, held, -1)
-    require_counts(hinged, held)
+    precision = {"precision": _COARSE_PRECISION} if edge == "free" else {}
+    places = _bracket_supported(orders, max_root, poisson_ratio)
+    hinged_roots = find_enclosed_roots(hinge, places, max_root, **precision)
+    root_counts = _counts(hinge, max_root, root_counts, -1)
+    require_counts(hinged_roots, root_counts)
     if edge == "supported":
-        return hinged
-    roots = enclosed(rim, _below_free(hinged), highest)
-    rigid = np.where(orders < 2, 1, 0)
-    require_counts(roots, _counts(rim, highest, held - rigid, np.where(orders < 2, -1, 1)))
+        return hinged_roots
+    roots = find_enclosed_roots(rim, _bracket_free(hinged_roots), max_root)
+    rigid_counts = np.where(orders < 2, 1, 0)
+    require_counts(
+        roots, _counts(rim, max_root, root_counts - rigid_counts, np.where(orders < 2, -1, 1))
+    )
     return roots
 
 
-def _counts(edge: Function, highest: float, least: Index, start: int | Index) -> Index:
-    """Return how many roots lie up to `highest`: `least` or one more, as the sign there decides."""
-    orders = np.arange(len(least), dtype=float)
-    signs = np.sign(edge(orders, np.full(len(least), highest))) * start
-    return np.maximum(least + (signs != np.where(least % 2, -1, 1)), 0)
+def _counts(edge: Function, max_root: float, min_counts: Index, start: int | Index) -> Index:
+    """Return numbers of roots up to `max_root`: `min_counts` or one more, by the sign there."""
+    orders = np.arange(len(min_counts), dtype=float)
+    signs = np.sign(edge(orders, np.full(len(min_counts), max_root))) * start
+    return np.maximum(min_counts + (signs != np.where(min_counts % 2, -1, 1)), 0)
 
 
-def _below_supported(orders: Array, highest: float, poisson_ratio: float) -> Array:
+def _bracket_supported(orders: Array, max_root: float, poisson_ratio: float) -> Array:
     """Return places below the first root and between successive ones of supported plates."""
     # By the series of both quotients of Bessel functions.
     first = orders.copy()
     first[0] = (1 + poisson_ratio) ** 0.25
-    return np.column_stack([first, separators(orders, highest, _PAST_SUPPORTED)])
+    return np.column_stack([first, separators(orders, max_root, _SUPPORTED_PHASE)])
 
 
-def _below_free(supported: Array) -> Array:
-    first = _RIM_WAVE * np.arange(len(supported))
+def _bracket_free(supported_roots: Array) -> Array:
+    first = _RIM_WAVE * np.arange(len(supported_roots))
     first[:2] = np.inf
-    return np.column_stack([first, supported, np.full(len(supported), np.inf)])
+    return np.column_stack([first, supported_roots, np.full(len(supported_roots), np.inf)])
 
 
 def clamped_edge(orders: Array, x: Array) -> Array:
     """Return J_m I_{m+1} / I_m + J_{m+1}: zero where w and dw/dr can vanish on the edge."""
-    wave, following, growth = at_edge(orders, x)
+    wave, following, growth = edge_values(orders, x)
     return wave * growth + following
 
 
 def supported_edge(orders: Array, x: Array, poisson_ratio: float) -> Array:
     """Return a function whose zeros let w and the bending moment vanish on the edge."""
-    wave, following, growth = at_edge(orders, x)
+    wave, following, growth = edge_values(orders, x)
     return following + wave * (growth - 2 * x / (1 - poisson_ratio))
 
 
@@ -130,7 +132,7 @@ def free_edge(orders: Array, x: Array, poisson_ratio: float) -> Array:
 
 def edge_slopes(orders: Array, x: Array) -> tuple[Array, Array, Array]:
     """Return J_m(x r), its d/dr, and d/dr of I_m(x r) / I_m(x), at r = 1."""
-    wave, following, growth = at_edge(orders, x)
+    wave, following, growth = edge_values(orders, x)
     return wave, orders * wave - x * following, orders + x * growth
 
 
@@ -171,11 +173,11 @@ def plate_forms(
 def _mean_square(m: Array, roots: Array, edge: tuple[Array, Array, Array], growing: Array) -> Array:
     """Return 2 times the integral of w^2 r from 0 to 1, by Lommel's integrals."""
     wave, wave_slope, growing_slope = edge
-    turns = (m / roots) ** 2
-    waves = (wave_slope / roots) ** 2 + (1 - turns) * wave**2
-    both = (wave * growing_slope - wave_slope) / roots**2
-    growths = 1 + turns - (growing_slope / roots) ** 2
-    return waves + 2 * growing * both + growing**2 * growths
+    order_ratios = (m / roots) ** 2
+    waves = (wave_slope / roots) ** 2 + (1 - order_ratios) * wave**2
+    cross_terms = (wave * growing_slope - wave_slope) / roots**2
+    growths = 1 + order_ratios - (growing_slope / roots) ** 2
+    return waves + 2 * growing * cross_terms + growing**2 * growths
 
 
 def _twisting(m: Array, deflection: Array, slope: Array) -> Array:
@@ -245,7 +247,7 @@ class CircularPlate(Shape):
         return Sheet(Disk(self.radius), self.thickness)
 
     def vibration(self, material: Material, highest: float) -> Vibration:
-        """Return every mode up to `highest` Hz, but for the motions of a free plate as a rigid one.
+        """Return every mode up to `highest` Hz, without the rigid motions of a free plate.
 
         Raises
         ------
@@ -253,10 +255,10 @@ class CircularPlate(Shape):
             When they are more than 100,000.
         """
         nu, unit = material.poisson_ratio, self._unit(material)
-        limit = math.sqrt(highest / unit)
-        require_countable("plate", math.pi, limit, highest)
-        orders, sines, roots = with_pairs(plate_roots(self.edge, limit, nu))
-        shares = overstated(roots * self.thickness / self.radius, nu)
+        max_root = math.sqrt(highest / unit)
+        require_countable("plate", math.pi, max_root, highest)
+        orders, sines, roots = expand_pairs(plate_roots(self.edge, max_root, nu))
+        shares = plate_overestimate(roots * self.thickness / self.radius, nu)
         forms, slopes = plate_forms(self.edge, self.radius, (orders, sines), roots, nu)
         return Vibration(
             frequencies=unit * roots**2,

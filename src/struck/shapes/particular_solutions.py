@@ -21,10 +21,16 @@ from scipy.special import y1
 
 from struck.errors import OptionError, rounded
 from struck.model.arrays import Array, Index
-from struck.shapes.bessel_series import irregular, pair, regular, series, series_slope
-from struck.shapes.polygon import Polygon, all_over, along_edges, plan_of, scattered
+from struck.shapes.bessel_series import (
+    pair,
+    series,
+    series_slope,
+    tabulate_irregular,
+    tabulate_regular,
+)
+from struck.shapes.polygon import Polygon, area_nodes, edge_nodes, plan_of, random_nodes
 
-_PLACES_AT_ONCE = 2048
+_BATCH_SIZE = 2048
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,36 +61,36 @@ class Basis:
         for centre, count in zip(self.centres.tolist(), self.counts.tolist(), strict=True):
             radii, angles = self.plan.polar(centre, points, ears)
             reach, power = float(self.plan.reaches[centre]), float(self.plan.powers[centre])
-            turn = (radii / reach) ** power * np.exp(1j * power * angles)
+            factors = (radii / reach) ** power * np.exp(1j * power * angles)
             # By repeated products: errors stay far below those of the sines of large numbers.
-            waves = np.cumprod(np.repeat(turn[:, None], count, axis=1), axis=1)
+            waves = np.cumprod(np.repeat(factors[:, None], count, axis=1), axis=1)
             fans.append(
                 _Fan(
-                    apart=points - self.plan.corners[centre],
+                    vectors=points - self.plan.corners[centre],
                     radii=radii,
                     sines=np.ascontiguousarray(waves.imag, dtype=np.float64),
                     cosines=np.ascontiguousarray(waves.real, dtype=np.float64),
                     orders=power * np.arange(1, count + 1, dtype=np.float64),
-                    table=regular(power, count, int(self.highest * reach) + 2),
+                    table=tabulate_regular(power, count, int(self.highest * reach) + 2),
                 )
             )
-        return BasisAtPoints(fans=tuple(fans), apart=points[:, None] - self.sources)
+        return BasisAtPoints(fans=tuple(fans), vectors=points[:, None] - self.sources)
 
 
 class BasisAtPoints:
     """The functions of a basis at some points, for any wavenumber."""
 
-    def __init__(self, fans: tuple[_Fan, ...], apart: Array) -> None:
+    def __init__(self, fans: tuple[_Fan, ...], vectors: Array) -> None:
         self._fans = fans
-        self._apart = apart
-        self._distances = np.linalg.norm(apart, axis=2)
+        self._vectors = vectors
+        self._distances = np.linalg.norm(vectors, axis=2)
         self._logarithms = np.log(self._distances / 2)
 
     def columns(self, wavenumber: float) -> Array:
         """Return the functions at the points: (K, F)."""
         parts = [fan.columns(wavenumber) for fan in self._fans]
         if self._distances.shape[1]:
-            parts.append(self._irregular(wavenumber))
+            parts.append(self._fundamental_columns(wavenumber))
         return np.hstack(parts)
 
     def sums(self, wavenumber: float, coefficients: Array) -> Array:
@@ -95,21 +101,23 @@ class BasisAtPoints:
         """Return the functions' slopes along directions (K, 2): (K, F), 1/m."""
         parts = [fan.slopes(wavenumber, directions) for fan in self._fans]
         if self._distances.shape[1]:
-            towards = np.einsum("ksi,ki->ks", self._apart, directions) / self._distances
+            towards = np.einsum("ksi,ki->ks", self._vectors, directions) / self._distances
             parts.append(-wavenumber * y1(wavenumber * self._distances) * towards)
         return np.hstack(parts)
 
-    def _irregular(self, wavenumber: float) -> Array:
+    def _fundamental_columns(self, wavenumber: float) -> Array:
         arguments = wavenumber * self._distances
-        even = pair(arguments, irregular(int(arguments.max()) + 1))
-        return 2 / np.pi * (self._logarithms + np.log(wavenumber)) * even[0] + even[1]
+        bessel_pairs = pair(arguments, tabulate_irregular(int(arguments.max()) + 1))
+        return (
+            2 / np.pi * (self._logarithms + np.log(wavenumber)) * bessel_pairs[0] + bessel_pairs[1]
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Fan:
     """Fourier-Bessel functions about one corner at some points: (r / reach)^nu sin(nu theta)."""
 
-    apart: Array
+    vectors: Array
     radii: Array
     sines: Array
     cosines: Array
@@ -120,14 +128,16 @@ class _Fan:
         return self.sines * series(wavenumber * self.radii, self.table)
 
     def slopes(self, wavenumber: float, directions: Array) -> Array:
-        outward = self.apart / self.radii[:, None]
-        along = np.sum(outward * directions, axis=1)[:, None]
-        around = (outward[:, 0] * directions[:, 1] - outward[:, 1] * directions[:, 0])[:, None]
+        radial_units = self.vectors / self.radii[:, None]
+        radial_parts = np.sum(radial_units * directions, axis=1)[:, None]
+        tangential_parts = (
+            radial_units[:, 0] * directions[:, 1] - radial_units[:, 1] * directions[:, 0]
+        )[:, None]
         value = series(wavenumber * self.radii, self.table)
         rise = wavenumber * series_slope(wavenumber * self.radii, self.table)
         swirl = self.orders / self.radii[:, None] * value
-        radial = swirl * self.sines + rise * self.sines
-        return along * radial + around * swirl * self.cosines
+        sine_slopes = swirl * self.sines + rise * self.sines
+        return radial_parts * sine_slopes + tangential_parts * swirl * self.cosines
 
 
 _MOST_WAVES = 1e4  # radians of a wave along the plan
@@ -146,14 +156,19 @@ class PolygonForms:
     dimensions = 2  # coordinates of a place: x and y
 
     def __post_init__(self) -> None:
-        wanted = (len(self.wavenumbers), int(self.counts.sum()) + len(self.sources))
+        expected_shape = (len(self.wavenumbers), int(self.counts.sum()) + len(self.sources))
         places = np.concatenate([self.corners, self.sources])
         waves = self.wavenumbers.max(initial=0.0) * np.ptp(places, axis=0).max()
-        if self.coefficients.shape != wanted or not waves <= _MOST_WAVES or self.counts.min() < 0:
+        if (
+            self.coefficients.shape != expected_shape
+            or not waves <= _MOST_WAVES
+            or self.counts.min() < 0
+        ):
             raise OptionError(
-                f"{self.coefficients.shape} coefficients of {wanted} are given, or the shapes have "
+                f"{self.coefficients.shape} coefficients of {expected_shape} are given, or the "
+                f"shapes have "
                 f"{rounded(waves, 3)} radians along the plan and at most {_MOST_WAVES:g} fit: "
-                "compute the membrane anew"
+                "compute the membrane again"
             )
 
     def values(self, places: Array) -> Array:
@@ -166,13 +181,13 @@ class PolygonForms:
             highest=float(self.wavenumbers.max(initial=0.0)),
         )
         places = np.asarray(places, dtype=np.float64)
-        found = np.empty((len(places), len(self.wavenumbers)))
-        for start in range(0, len(places), _PLACES_AT_ONCE):
-            part = slice(start, start + _PLACES_AT_ONCE)
-            at_points = basis.at(*basis.plan.located(places[part]))
+        values = np.empty((len(places), len(self.wavenumbers)))
+        for start in range(0, len(places), _BATCH_SIZE):
+            part = slice(start, start + _BATCH_SIZE)
+            at_points = basis.at(*basis.plan.locate(places[part]))
             for mode, wavenumber in enumerate(self.wavenumbers.tolist()):
-                found[part, mode] = at_points.sums(wavenumber, self.coefficients[[mode]].T)[:, 0]
-        return found
+                values[part, mode] = at_points.sums(wavenumber, self.coefficients[[mode]].T)[:, 0]
+        return values
 
     def chosen(self, modes: Index) -> PolygonForms:
         """Return the shapes of some modes, in that order."""
@@ -184,19 +199,20 @@ class PolygonForms:
 # Directions of the basis that are smaller than this are noise: leaving them out keeps
 # coefficients near 1 (Barnett & Betcke 2008, section 4).
 _DEPENDENT = 1e-13
-_INSIDE = 200  # places
-_STEADY = 1e-13  # relative step at which an eigenvalue stands still
-_IDLE = 0.5  # share of the tension over the waves' phase: smaller steps would not lower it
+_INNER_COUNT = 200  # places
+_CONVERGED_STEP = 1e-13  # relative step at which an eigenvalue stands still
+# Fraction of the tension over the waves' phase: smaller steps would not lower it.
+_IDLE_FRACTION = 0.5
 _ROUNDS = 12
-_UNSURE = 100.0  # times the square of a relative step: how unsure a value still is
+_UNCERTAINTY = 100.0  # times the square of a relative step: how unsure a value still is
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Found:
+class Eigenfunction:
     """An eigenvalue of the membrane with its eigenfunction."""
 
     value: float  # 1/m^2
-    wavenumber: float  # of the function, 1/m: root of the value, but for rounding and the last step
+    wavenumber: float  # of the function, 1/m: root of the value, up to rounding and the last step
     coefficients: Array  # (F,), the function in the basis, with a mean square of 1
     error: float  # bound of the distance to a true eigenvalue, relative
 
@@ -206,41 +222,43 @@ class Trial:
 
     def __init__(self, basis: Basis) -> None:
         self._basis = basis
-        self._edges = along_edges(basis.plan, self._counts)
+        self._edges = edge_nodes(basis.plan, self._counts)
         self._on_edges = basis.at(self._edges.points, self._edges.ears)
-        inside = scattered(basis.plan, _INSIDE)
-        self._inside = basis.at(inside.points, inside.ears)
+        inner_nodes = random_nodes(basis.plan, _INNER_COUNT)
+        self._at_inner = basis.at(inner_nodes.points, inner_nodes.ears)
 
     @property
     def _counts(self) -> Array:
         """Numbers of nodes on the edges (n,): for steep functions, waves and near sources."""
         plan = self._basis.plan
-        near = np.bincount(plan.nearest_edges(self._basis.sources), minlength=len(plan.corners))
+        source_counts = np.bincount(
+            plan.find_nearest_edges(self._basis.sources), minlength=len(plan.corners)
+        )
         waves = self._basis.highest * plan.lengths
-        return 40 + 0.7 * self._basis.steepest + 1.5 * waves + 3.5 * near
+        return 40 + 0.7 * self._basis.steepest + 1.5 * waves + 3.5 * source_counts
 
     def phase(self, value: float) -> float:
         """Return the phase of a value's waves along the root of the area, radians."""
         return float(np.sqrt(value * self._basis.plan.area))
 
     @cached_property
-    def _everywhere(self) -> tuple[BasisAtPoints, Array]:
-        nodes = all_over(self._basis.plan, self._basis.highest)
+    def _area_samples(self) -> tuple[BasisAtPoints, Array]:
+        nodes = area_nodes(self._basis.plan, self._basis.highest)
         return self._basis.at(nodes.points, nodes.ears), nodes.weights
 
     @cached_property
-    def _between(self) -> BasisAtPoints:
-        nodes = along_edges(self._basis.plan, 1.7 * self._counts, 1.5)
+    def _at_checkpoints(self) -> BasisAtPoints:
+        nodes = edge_nodes(self._basis.plan, 1.7 * self._counts, 1.5)
         return self._basis.at(nodes.points, nodes.ears)
 
-    def smallest(self, value: float, count: int) -> tuple[Array, Array]:
+    def find_smallest(self, value: float, count: int) -> tuple[Array, Array]:
         """Return the smallest tensions (count,) at a trial value, and their functions (F, count).
 
         A tension is the root of the mean square along the boundary, over that over boundary and
         inside together.
         """
         wavenumber = np.sqrt(value)
-        rim, inner = self._on_edges.columns(wavenumber), self._inside.columns(wavenumber)
+        rim, inner = self._on_edges.columns(wavenumber), self._at_inner.columns(wavenumber)
         rows = np.vstack([rim / np.sqrt(len(rim)), inner / np.sqrt(len(inner))])
         scale = np.linalg.norm(rows, axis=0)
         factors = scipy.linalg.qr(rows / scale, mode="economic", pivoting=True, check_finite=False)
@@ -248,14 +266,14 @@ class Trial:
         diagonal = np.abs(np.diag(triangle))
         rank = int(np.count_nonzero(diagonal > _DEPENDENT * diagonal[0]))
         small = scipy.linalg.qr(orthonormal[: len(rim), :rank], mode="r", check_finite=False)[0]
-        _, tensions, turned = scipy.linalg.svd(small[:rank], check_finite=False)
-        chosen = turned[::-1][:count].T
+        _, tensions, right_vectors = scipy.linalg.svd(small[:rank], check_finite=False)
+        chosen = right_vectors[::-1][:count].T
         functions = np.zeros((len(scale), chosen.shape[1]))
-        solved = scipy.linalg.solve_triangular(triangle[:rank, :rank], chosen)
-        functions[order[:rank]] = solved / scale[order[:rank], None]
+        solutions = scipy.linalg.solve_triangular(triangle[:rank, :rank], chosen)
+        functions[order[:rank]] = solutions / scale[order[:rank], None]
         return tensions[::-1][:count], functions
 
-    def improved(self, value: float, functions: Array) -> tuple[Array, Array]:
+    def improve(self, value: float, functions: Array) -> tuple[Array, Array]:
         """Return better eigenvalues (m,), ascending, and functions (F, m) with mean squares of 1.
 
         Green's second identity between a trial function u and the eigenfunction gives the
@@ -265,12 +283,12 @@ class Trial:
         values = self._on_edges.sums(wavenumber, functions)
         slopes = self._on_edges.slopes(wavenumber, self._edges.normals) @ functions
         flux = values.T @ (self._edges.weights[:, None] * slopes)
-        steps, turned = scipy.linalg.eigh(-(flux + flux.T) / 2, self._products(value, functions))
-        return value + steps, functions @ turned * np.sqrt(self._basis.plan.area)
+        steps, rotation = scipy.linalg.eigh(-(flux + flux.T) / 2, self._products(value, functions))
+        return value + steps, functions @ rotation * np.sqrt(self._basis.plan.area)
 
     def _products(self, value: float, functions: Array) -> Array:
         """Return the integrals of products of two basis functions over the area of a membrane."""
-        at_points, weights = self._everywhere
+        at_points, weights = self._area_samples
         values = at_points.sums(np.sqrt(value), functions)
         return values.T @ (weights[:, None] * values)
 
@@ -280,44 +298,44 @@ class Trial:
         An eigenvalue lies within |u|max / rms(u) of a trial value, relative to itself, the largest
         along the boundary (Moler & Payne 1968); here among about as many places again.
         """
-        largest = np.abs(self._between.sums(np.sqrt(value), functions)).max(axis=0)
-        return largest + np.finfo(np.float64).eps
+        max_values = np.abs(self._at_checkpoints.sums(np.sqrt(value), functions)).max(axis=0)
+        return max_values + np.finfo(np.float64).eps
 
 
-def refined(trial: Trial, value: float, count: int, apart: float) -> list[Found]:
+def refine(trial: Trial, value: float, count: int, min_gap: float) -> list[Eigenfunction]:
     """Return `count` neighbouring eigenvalues around a near value, with their functions.
 
-    Those closer than `apart`, relatively, are refined as one: their functions stay orthogonal.
+    Those closer than `min_gap`, relatively, are refined as one: their functions stay orthogonal.
     """
     steps, values, functions = np.zeros(count), np.full(count, value), np.zeros((0, count))
     for _ in range(_ROUNDS):
-        tensions, functions = trial.smallest(value, count)
-        idle = _IDLE * tensions[0] / trial.phase(value)
-        values, functions = trial.improved(value, functions)
+        tensions, functions = trial.find_smallest(value, count)
+        idle_step = _IDLE_FRACTION * tensions[0] / trial.phase(value)
+        values, functions = trial.improve(value, functions)
         steps = np.abs(values / value - 1)
-        groups = _parted(values, max(apart, _UNSURE * float(steps.max()) ** 2))
+        groups = _split_groups(values, max(min_gap, _UNCERTAINTY * float(steps.max()) ** 2))
         if len(groups) > 1:
-            parts = [refined(trial, float(each.mean()), len(each), apart) for each in groups]
-            gaps = [after[0].value - before[-1].value for before, after in pairwise(parts)]
-            if min(gaps) > apart * value:
-                return [found for part in parts for found in part]
-            apart = np.inf  # they ran into each other
-        if abs(values.mean() / value - 1) <= max(_STEADY, idle):
+            parts = [refine(trial, float(group.mean()), len(group), min_gap) for group in groups]
+            gaps = [right[0].value - left[-1].value for left, right in pairwise(parts)]
+            if min(gaps) > min_gap * value:
+                return [mode for part in parts for mode in part]
+            min_gap = np.inf  # they ran into each other
+        if abs(values.mean() / value - 1) <= max(_CONVERGED_STEP, idle_step):
             break
         value = float(values.mean())
     errors = trial.error(value, functions) + steps
     return [
-        Found(
-            value=float(each),
+        Eigenfunction(
+            value=float(group),
             wavenumber=float(np.sqrt(value)),
             coefficients=functions[:, i],
             error=float(errors[i]),
         )
-        for i, each in enumerate(values)
+        for i, group in enumerate(values)
     ]
 
 
-def _parted(values: Array, apart: float) -> list[Array]:
-    """Part ascending values where they lie clearly apart."""
-    least = np.maximum(apart * values[1:], 0.3 * (values[-1] - values[0]))
-    return np.split(values, np.flatnonzero(np.diff(values) > least) + 1)
+def _split_groups(values: Array, min_gap: float) -> list[Array]:
+    """Split ascending values at clear gaps."""
+    min_gaps = np.maximum(min_gap * values[1:], 0.3 * (values[-1] - values[0]))
+    return np.split(values, np.flatnonzero(np.diff(values) > min_gaps) + 1)

@@ -28,13 +28,13 @@ from struck.solids.polygon_mesh import (
     edges_of,
     sides,
     signed_area,
-    triangulated,
+    triangulate,
 )
 
 # Liu 2015: the Crouzeix-Raviart interpolation error in L2 is at most this times the longest edge
 # times its error in the gradient.
 _INTERPOLATION = 0.1893
-_AT_ONCE = 120  # eigenvalues a slice
+_SLICE_SIZE = 120  # eigenvalues a slice
 
 
 class Triangulation:
@@ -50,24 +50,26 @@ class Triangulation:
 
         A coarse triangulation is halved: that is quicker, and keeps its angles.
         """
-        times = max(0, round(np.log2(float(np.ptp(corners, axis=0).max()) / longest / _COARSE)))
+        times = max(
+            0, round(np.log2(float(np.ptp(corners, axis=0).max()) / longest / _COARSE_EDGES))
+        )
         size = 2**times * longest / np.sqrt(2)
         while True:
-            filling = cls(*triangulated((corners,), size)[:2])
-            excess = filling.longest / (2**times * longest)
-            if excess <= 1:
+            filling = cls(*triangulate((corners,), size)[:2])
+            length_ratio = filling.longest / (2**times * longest)
+            if length_ratio <= 1:
                 break
-            size *= 0.97 / excess
+            size *= 0.97 / length_ratio
         for _ in range(times):
-            filling = filling.halved()
+            filling = filling.halve()
         return filling
 
     @cached_property
     def _edges(self) -> tuple[Index, Index, NDArray[np.bool_]]:
         """Edges (E, 2), numbers of edges opposite corners (T, 3), and mask of inner ones (E,)."""
-        every = np.sort(sides(self.triangles), axis=2)[:, [1, 2, 0]]
+        all_sides = np.sort(sides(self.triangles), axis=2)[:, [1, 2, 0]]
         edges, numbers, counts = np.unique(
-            every.reshape(-1, 2), axis=0, return_inverse=True, return_counts=True
+            all_sides.reshape(-1, 2), axis=0, return_inverse=True, return_counts=True
         )
         return edges, numbers.reshape(-1, 3), counts == 2
 
@@ -77,11 +79,11 @@ class Triangulation:
         start, end = np.moveaxis(self.points[self._edges[0]], 1, 0)
         return float(np.linalg.norm(end - start, axis=1).max())
 
-    def halved(self) -> Triangulation:
-        """Cut each triangle into four alike."""
-        edges, opposite, _ = self._edges
+    def halve(self) -> Triangulation:
+        """Cut each triangle into four congruent ones."""
+        edges, opposite_edges, _ = self._edges
         a, b, c = self.triangles.T
-        p, q, r = (opposite + len(self.points)).T
+        p, q, r = (opposite_edges + len(self.points)).T
         parts = [np.stack(part, axis=1) for part in ((a, r, q), (r, b, p), (q, p, c), (p, q, r))]
         return Triangulation(
             np.vstack([self.points, self.points[edges].mean(axis=1)]), np.vstack(parts)
@@ -91,29 +93,32 @@ class Triangulation:
     def _gradients(self) -> tuple[Array, Array]:
         """Return gradients of the area coordinates (T, 3, 2) and areas (T,)."""
         corners = self.points[self.triangles]
-        along = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
-        doubled = along[:, 0, 0] * along[:, 1, 1] - along[:, 0, 1] * along[:, 1, 0]
-        inwards = np.stack([-along[..., 1], along[..., 0]], axis=2)
-        return inwards / doubled[:, None, None], doubled / 2
+        edge_vectors = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
+        doubled_areas = (
+            edge_vectors[:, 0, 0] * edge_vectors[:, 1, 1]
+            - edge_vectors[:, 0, 1] * edge_vectors[:, 1, 0]
+        )
+        inwards = np.stack([-edge_vectors[..., 1], edge_vectors[..., 0]], axis=2)
+        return inwards / doubled_areas[:, None, None], doubled_areas / 2
 
-    def quadratic(self) -> Pencil:
+    def assemble_quadratic(self) -> Pencil:
         """Return the matrices of six-node triangles, held along the boundary."""
         slopes, areas = self._gradients
-        edges, opposite, inner = self._edges
-        numbers = np.hstack([self.triangles, len(self.points) + opposite])
-        grown = np.einsum("qni,tid->tqnd", _RISES, slopes)
-        stiffness = np.einsum("t,tqnd,tqmd->tnm", areas / 3, grown, grown)
-        free = np.ones(len(self.points) + len(edges), bool)
-        free[edges[~inner]] = False
-        free[len(self.points) :] = inner
-        return Pencil.of(numbers, free, stiffness, areas[:, None, None] * _QUADRATIC_MASS)
+        edges, opposite_edges, is_inner = self._edges
+        numbers = np.hstack([self.triangles, len(self.points) + opposite_edges])
+        node_gradients = np.einsum("qni,tid->tqnd", _RISES, slopes)
+        stiffness = np.einsum("t,tqnd,tqmd->tnm", areas / 3, node_gradients, node_gradients)
+        is_free = np.ones(len(self.points) + len(edges), bool)
+        is_free[edges[~is_inner]] = False
+        is_free[len(self.points) :] = is_inner
+        return Pencil.of(numbers, is_free, stiffness, areas[:, None, None] * _QUADRATIC_MASS)
 
-    def nonconforming(self) -> Pencil:
+    def assemble_nonconforming(self) -> Pencil:
         """Return the matrices of Crouzeix-Raviart elements, held along the boundary."""
         slopes, areas = self._gradients
-        _, opposite, inner = self._edges
+        _, opposite_edges, is_inner = self._edges
         stiffness = 4 * areas[:, None, None] * (slopes @ np.swapaxes(slopes, 1, 2))
-        return Pencil.of(opposite, inner, stiffness, areas[:, None, None] * np.eye(3) / 3)
+        return Pencil.of(opposite_edges, is_inner, stiffness, areas[:, None, None] * np.eye(3) / 3)
 
     @property
     def slack(self) -> float:
@@ -129,15 +134,15 @@ def edge_for(slack: float) -> float:
     return float(np.sqrt(slack)) / _INTERPOLATION
 
 
-_COARSE = 12  # edges along the extent
+_COARSE_EDGES = 12  # edges along the extent
 # Derivatives of the six quadratic shape functions by area coordinates, at the three mid-sides.
 _CORNERS = np.eye(3)
-_MIDDLES = (1 - _CORNERS) / 2
+_MIDPOINTS = (1 - _CORNERS) / 2
 _RISES = np.array(
     [
         [(4 * at[i] - 1) * _CORNERS[i] for i in range(3)]
         + [4 * (at[j] * _CORNERS[k] + at[k] * _CORNERS[j]) for j, k in ((1, 2), (2, 0), (0, 1))]
-        for at in _MIDDLES
+        for at in _MIDPOINTS
     ]
 )
 _QUADRATIC_MASS = (
@@ -160,38 +165,44 @@ class Pencil:
     factorise: Factoriser
 
     @classmethod
-    def of(cls, numbers: Index, free: NDArray[np.bool_], stiffness: Array, mass: Array) -> Pencil:
+    def of(
+        cls, numbers: Index, is_free: NDArray[np.bool_], stiffness: Array, mass: Array
+    ) -> Pencil:
         """Add up element matrices (T, n, n) over node numbers (T, n), without nodes not free."""
         rows = np.repeat(numbers, numbers.shape[1], axis=1).ravel()
         columns = np.tile(numbers, (1, numbers.shape[1])).ravel()
-        shape = (len(free), len(free))
-        assembled = [
-            sparse.coo_matrix((part.ravel(), (rows, columns)), shape=shape).tocsc()[free][:, free]
+        shape = (len(is_free), len(is_free))
+        matrices = [
+            sparse.coo_matrix((part.ravel(), (rows, columns)), shape=shape).tocsc()[is_free][
+                :, is_free
+            ]
             for part in (stiffness, mass)
         ]
-        return cls(stiffness=assembled[0], mass=assembled[1], factorise=Factoriser())
+        return cls(stiffness=matrices[0], mass=matrices[1], factorise=Factoriser())
 
     def count(self, value: float) -> int:
         """Return how many eigenvalues lie below a value: the inertia of K - value M."""
-        return self.factorise(self._shifted(value)).negative
+        return self.factorise(self._shift(value)).negative
 
-    def below(self, value: float, progress: Progress = silent) -> Array:
+    def find_below(self, value: float, progress: Progress = silent) -> Array:
         """Return all eigenvalues below a value, ascending; counted by inertia, none is missed."""
-        total = self.count(value)
-        ends = value * np.linspace(0, 1, -(-total // _AT_ONCE) + 1)
-        counts = [0, *(self.count(end) for end in ends[1:-1]), total]
+        total_count = self.count(value)
+        ends = value * np.linspace(0, 1, -(-total_count // _SLICE_SIZE) + 1)
+        counts = [0, *(self.count(end) for end in ends[1:-1]), total_count]
         slices = zip(ends[:-1], ends[1:], counts[:-1], counts[1:], strict=True)
-        found = [np.zeros(0)]
-        for number, each in enumerate(slices):
-            progress("finding about where the modes lie", number * _AT_ONCE / max(total, 1))
-            found.append(self._slice(*each))
-        return np.concatenate(found)
+        parts = [np.zeros(0)]
+        for number, limits in enumerate(slices):
+            progress(
+                "finding about where the modes lie", number * _SLICE_SIZE / max(total_count, 1)
+            )
+            parts.append(self._slice(*limits))
+        return np.concatenate(parts)
 
-    def _slice(self, low: float, high: float, under: int, up_to: int) -> Array:
+    def _slice(self, low: float, high: float, low_count: int, up_to: int) -> Array:
         """Return the eigenvalues between two values with known numbers of eigenvalues below."""
         middle = (low + high) / 2
-        factor = self.factorise(self._shifted(middle))
-        if up_to == under:
+        factor = self.factorise(self._shift(middle))
+        if up_to == low_count:
             return np.zeros(0)
         pairs = block_lanczos(
             factor.solve,
@@ -199,27 +210,27 @@ class Pencil:
             middle,
             up_to - factor.negative,
             np.zeros((self.mass.shape[0], 0)),
-            below=factor.negative - under,
+            below=factor.negative - low_count,
         )
         return pairs.values
 
-    def _shifted(self, value: float) -> sparse.csc_matrix:
+    def _shift(self, value: float) -> sparse.csc_matrix:
         return sparse.tril(self.stiffness - value * self.mass, format="csc")
 
 
 _SMALLEST_BEND = 1e-12  # rad
-_GRID = 61  # points a side of the search for the deepest place
-_WHOLE = 1e-9  # how near to a whole number pi / angle counts as one
+_GRID = 61  # points per side of the search for the deepest place
+_INTEGER_TOLERANCE = 1e-9  # how near to a whole number pi / angle counts as one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Polygon:
     """Simple polygon, cut into ears."""
 
-    corners: Array  # (n, 2), counter-clockwise, none of them straight, m
+    corners: Array  # (n, 2), counter-clockwise, without angles of pi, m
     ears: Index  # (n - 2, 3), triangles between corners, counter-clockwise, which fill the polygon
     # (n, n - 2), angles at which corners see the ears' centroids, from the edge that leaves the
-    # corner, followed through the inside; those of a spiral exceed 2 pi
+    # corner, followed through the inside; in a spiral they exceed 2 pi
     bearings: Array
 
     @property
@@ -234,16 +245,19 @@ class Polygon:
 
     def marks(self) -> Mapping[str, tuple[float, float]]:
         """Return places by name, m: deep inside the polygon, and 1 % of the extent off edges."""
-        top, edge = _deepest(self.corners), int(np.argmax(self.lengths))
+        top, edge = _find_deepest_point(self.corners), int(np.argmax(self.lengths))
         middle = (self.corners[edge] + self.corners[(edge + 1) % len(self.corners)]) / 2
         corner = self.corners[np.argmax(np.linalg.norm(self.corners - top, axis=1))]
-        near = {"edge": _inside(self, middle), "corner": _inside(self, corner)}
-        places = {"top": top, "middle": top, **near}
+        inner_places = {
+            "edge": _find_inner_place(self, middle),
+            "corner": _find_inner_place(self, corner),
+        }
+        places = {"top": top, "middle": top, **inner_places}
         return {name: (float(x), float(y)) for name, (x, y) in places.items()}
 
-    def filled(self, spacing: float) -> tuple[Array, Index]:
+    def triangulate(self, spacing: float) -> tuple[Array, Index]:
         """Return points (N, 2) and counter-clockwise triangles (T, 3) that fill it."""
-        return triangulated((self.corners,), spacing)[:2]
+        return triangulate((self.corners,), spacing)[:2]
 
     @property
     def lengths(self) -> Array:
@@ -263,7 +277,7 @@ class Polygon:
     @property
     def singular(self) -> Index:
         """Corners where solutions are not smooth: pi / angle is no whole number."""
-        return np.flatnonzero(np.abs(self.powers - np.round(self.powers)) > _WHOLE)
+        return np.flatnonzero(np.abs(self.powers - np.round(self.powers)) > _INTEGER_TOLERANCE)
 
     @property
     def reaches(self) -> Array:
@@ -273,51 +287,51 @@ class Polygon:
     @property
     def clearances(self) -> Array:
         """Distances from each corner to its neighbours and to the other edges (n,), m."""
-        least, count = np.minimum(self.lengths, np.roll(self.lengths, 1)), len(self.corners)
+        distances, count = np.minimum(self.lengths, np.roll(self.lengths, 1)), len(self.corners)
         for corner, place in enumerate(self.corners):
             others = (corner + np.arange(1, count - 1)) % count
             edges = self.corners[others], self.corners[(others + 1) % count]
-            least[corner] = min(least[corner], distance_to_edges(edges, place[None])[0])
-        return least
+            distances[corner] = min(distances[corner], distance_to_edges(edges, place[None])[0])
+        return distances
 
     @property
     def _leaving(self) -> Array:
         return np.roll(self.corners, -1, axis=0) - self.corners
 
-    def on_edge(self, edge: int, shares: Array) -> tuple[Array, Array]:
+    def place_on_edge(self, edge: int, fractions: Array) -> tuple[Array, Array]:
         """Return points (K, 2) at shares of the way along an edge, and its outward normal (2,)."""
-        along = self._leaving[edge]
-        outwards = np.array([along[1], -along[0]]) / np.linalg.norm(along)
-        return self.corners[edge] + shares[:, None] * along, outwards
+        edge_vector = self._leaving[edge]
+        outwards = np.array([edge_vector[1], -edge_vector[0]]) / np.linalg.norm(edge_vector)
+        return self.corners[edge] + fractions[:, None] * edge_vector, outwards
 
-    def nearest_edges(self, points: Array) -> Index:
+    def find_nearest_edges(self, points: Array) -> Index:
         """Return the edges that points (K, 2) are nearest to (K,)."""
         return np.linalg.norm(points[:, None] - self._feet(points), axis=2).argmin(axis=1)
 
     def ear_of_edge(self, edge: int) -> int:
         """Return the ear along which an edge runs."""
-        both = np.isin(self.ears, [edge, (edge + 1) % len(self.corners)]).sum(axis=1) == 2
-        return int(np.flatnonzero(both)[0])
+        is_along = np.isin(self.ears, [edge, (edge + 1) % len(self.corners)]).sum(axis=1) == 2
+        return int(np.flatnonzero(is_along)[0])
 
-    def located(self, points: Array) -> tuple[Array, Index]:
+    def locate(self, points: Array) -> tuple[Array, Index]:
         """Return points (K, 2), moved to the nearest edge if outside, and their ears (K,)."""
-        ears, depths = self._deepest(points)
-        outside = depths < 0
+        ears, depths = self._find_deepest_ear(points)
+        is_outside = depths < 0
         points = points.copy()
-        feet = self._feet(points[outside])
-        points[outside] = feet[np.arange(len(feet)), self.nearest_edges(points[outside])]
-        ears[outside] = self._deepest(points[outside])[0]
+        feet = self._feet(points[is_outside])
+        points[is_outside] = feet[np.arange(len(feet)), self.find_nearest_edges(points[is_outside])]
+        ears[is_outside] = self._find_deepest_ear(points[is_outside])[0]
         return points, ears
 
     def polar(self, corner: int, points: Array, ears: Index) -> tuple[Array, Array]:
         """Return distances and continuous angles (K,) of points in ears, seen from a corner."""
         centroid = self.corners[self.ears].mean(axis=1) - self.corners[corner]
-        seen = points - self.corners[corner]
-        ahead, middle = (np.arctan2(at[:, 1], at[:, 0]) for at in (seen, centroid))
-        turn = (ahead - middle[ears] + np.pi) % (2 * np.pi) - np.pi
-        return np.linalg.norm(seen, axis=1), self.bearings[corner][ears] + turn
+        vectors = points - self.corners[corner]
+        angles, ear_angles = (np.arctan2(at[:, 1], at[:, 0]) for at in (vectors, centroid))
+        differences = (angles - ear_angles[ears] + np.pi) % (2 * np.pi) - np.pi
+        return np.linalg.norm(vectors, axis=1), self.bearings[corner][ears] + differences
 
-    def _deepest(self, points: Array) -> tuple[Index, Array]:
+    def _find_deepest_ear(self, points: Array) -> tuple[Index, Array]:
         """Return the ear in which each point lies deepest, and how deep."""
         depths = np.full((len(points), len(self.ears)), np.inf)
         for start, end in ((0, 1), (1, 2), (2, 0)):
@@ -327,11 +341,11 @@ class Polygon:
         return depths.argmax(axis=1), depths.max(axis=1)
 
     def _feet(self, points: Array) -> Array:
-        """Return the places on all edges that are nearest to points: (K, n, 2)."""
+        """Return the points on all edges that are nearest to points: (K, n, 2)."""
         steps = self._leaving
-        share = np.einsum("kei,ei->ke", points[:, None] - self.corners, steps)
-        share = np.clip(share / np.sum(steps**2, axis=1), 0, 1)
-        return self.corners + share[..., None] * steps
+        fractions = np.einsum("kei,ei->ke", points[:, None] - self.corners, steps)
+        fractions = np.clip(fractions / np.sum(steps**2, axis=1), 0, 1)
+        return self.corners + fractions[..., None] * steps
 
 
 def plan_of(corners: Array) -> Polygon:
@@ -349,8 +363,13 @@ def cross(first: Array, second: Array) -> Array:
 
 def inner_angles(corners: Array) -> Array:
     """Return the angles inside a counter-clockwise polygon (n, 2), rad: up to 2 pi."""
-    ahead, back = np.roll(corners, -1, axis=0) - corners, np.roll(corners, 1, axis=0) - corners
-    return np.arctan2(cross(ahead, back), np.sum(ahead * back, axis=1)) % (2 * np.pi)
+    next_vectors, previous_vectors = (
+        np.roll(corners, -1, axis=0) - corners,
+        np.roll(corners, 1, axis=0) - corners,
+    )
+    return np.arctan2(
+        cross(next_vectors, previous_vectors), np.sum(next_vectors * previous_vectors, axis=1)
+    ) % (2 * np.pi)
 
 
 def _cut(corners: Array) -> Index:
@@ -359,9 +378,9 @@ def _cut(corners: Array) -> Index:
     while len(left) > 3:
         triples = np.stack([np.roll(left, 1), left, np.roll(left, -1)], axis=1)
         roundness = [_roundness(corners, triple, left) for triple in triples]
-        best = int(np.argmax(roundness))
-        ears.append(triples[best])
-        left.pop(best)
+        best_index = int(np.argmax(roundness))
+        ears.append(triples[best_index])
+        left.pop(best_index)
     return np.array([*ears, left], dtype=np.int64)
 
 
@@ -371,29 +390,31 @@ def _roundness(corners: Array, triple: Index, left: list[int]) -> float:
     area = float(cross(b - a, c - a))
     others = corners[np.setdiff1d(left, triple)]
     sides = ((a, b), (b, c), (c, a))
-    inside = np.all([cross(end - start, others - start) >= 0 for start, end in sides], axis=0)
-    return 0.0 if area <= 0 or inside.any() else area / max(sum((q - p) ** 2) for p, q in sides)
+    is_inside = np.all([cross(end - start, others - start) >= 0 for start, end in sides], axis=0)
+    return 0.0 if area <= 0 or is_inside.any() else area / max(sum((q - p) ** 2) for p, q in sides)
 
 
 def _bearings(corners: Array, ears: Index) -> Array:
     """Follow the angles at which each corner sees the ears, from ear to ear across their sides."""
-    found = np.zeros((len(corners), len(ears)))
+    bearings = np.zeros((len(corners), len(ears)))
     leaving = np.roll(corners, -1, axis=0) - corners
     centroids, doors = corners[ears].mean(axis=1), _doors(ears)
     for corner, place in enumerate(corners):
         start = int(np.flatnonzero((ears == corner).any(axis=1))[0])
-        known = {start: _turn(leaving[corner], centroids[start] - place) % (2 * np.pi)}
+        ear_angles = {start: _turn(leaving[corner], centroids[start] - place) % (2 * np.pi)}
         waiting = [start]
         while waiting:
-            here = waiting.pop()
-            for there, ends in doors[here]:
-                if there not in known:
+            current = waiting.pop()
+            for neighbour, ends in doors[current]:
+                if neighbour not in ear_angles:
                     door = corners[ends].mean(axis=0) - place
-                    steps = (centroids[here] - place, door, centroids[there] - place)
-                    known[there] = known[here] + _turn(*steps[:2]) + _turn(*steps[1:])
-                    waiting.append(there)
-        found[corner] = [known[ear] for ear in range(len(ears))]
-    return found
+                    steps = (centroids[current] - place, door, centroids[neighbour] - place)
+                    ear_angles[neighbour] = (
+                        ear_angles[current] + _turn(*steps[:2]) + _turn(*steps[1:])
+                    )
+                    waiting.append(neighbour)
+        bearings[corner] = [ear_angles[ear] for ear in range(len(ears))]
+    return bearings
 
 
 def _turn(first: Array, second: Array) -> float:
@@ -405,43 +426,43 @@ def _doors(ears: Index) -> list[list[tuple[int, list[int]]]]:
     """Return for each ear its neighbours and the corners at the ends of the common sides."""
     return [
         [
-            (there, common.tolist())
-            for there, other in enumerate(ears)
-            if there != here and len(common := np.intersect1d(ear, other)) == 2
+            (neighbour, common.tolist())
+            for neighbour, neighbour_ear in enumerate(ears)
+            if neighbour != number and len(common := np.intersect1d(ear, neighbour_ear)) == 2
         ]
-        for here, ear in enumerate(ears)
+        for number, ear in enumerate(ears)
     ]
 
 
-def _deepest(corners: Array) -> Array:
+def _find_deepest_point(corners: Array) -> Array:
     """Return the place farthest from the edges; of several, that nearest the box's middle."""
     low, high = corners.min(axis=0), corners.max(axis=0)
-    shares = np.stack(np.meshgrid(*[np.linspace(0, 1, _GRID)] * 2), axis=-1).reshape(-1, 2)
-    points, edges = low + shares * (high - low), edges_of((corners,))
+    fractions = np.stack(np.meshgrid(*[np.linspace(0, 1, _GRID)] * 2), axis=-1).reshape(-1, 2)
+    points, edges = low + fractions * (high - low), edges_of((corners,))
     points = points[contains(edges, points)]
     depths = distance_to_edges(edges, points)
     deep = points[depths > 0.98 * depths.max()]
     return deep[np.argmin(np.linalg.norm(deep - (low + high) / 2, axis=1))]
 
 
-def _inside(plan: Polygon, place: Array) -> Array:
+def _find_inner_place(plan: Polygon, place: Array) -> Array:
     """Return an inner place near one on the boundary: the deepest at a small distance."""
     radius = INSET * plan.extent
-    turns = np.linspace(0, 2 * np.pi, 120, endpoint=False)
+    angles = np.linspace(0, 2 * np.pi, 120, endpoint=False)
     edges = edges_of((plan.corners,))
     while True:
-        ring = place + radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+        ring = place + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
         ring = ring[contains(edges, ring)]
         if len(ring):
             return ring[np.argmax(distance_to_edges(edges, ring))]
         radius /= 2
 
 
-# Nodes crowd towards corners, where solutions rise with a broken power of the distance.
-_CROWDED_ON_EDGES = 2.5
-_TRIANGLES_ALONG, _TOUCHING = 2, 1e-9
-_NODES_A_RADIAN = 0.6  # of the phase of a wave: half of it would do for an infinite line
-_SPARE, _SPARE_AT_CORNERS = 7, 10
+# Nodes are denser towards corners, where solutions rise with a broken power of the distance.
+_EDGE_EXPONENT = 2.5
+_COARSE_TRIANGLES, _TOUCHING = 2, 1e-9
+_NODES_PER_RADIAN = 0.6  # of the phase of a wave: half of it would do for an infinite line
+_EXTRA_NODES, _EXTRA_CORNER_NODES = 7, 10
 
 
 class Nodes(NamedTuple):
@@ -453,96 +474,106 @@ class Nodes(NamedTuple):
     normals: Array  # (K, 2), out of the plan; zero inside
 
 
-def along_edges(plan: Polygon, counts: Array, crowded: float = _CROWDED_ON_EDGES) -> Nodes:
+def edge_nodes(plan: Polygon, counts: Array, exponent: float = _EDGE_EXPONENT) -> Nodes:
     """Return nodes on all edges, `counts` (n,) of them on each, for integrals along them.
 
     Gauss-Legendre points drawn towards the corners by Kress' substitution (Kress 1990).
     """
     parts = []
     for edge, (length, count) in enumerate(zip(plan.lengths, counts.tolist(), strict=True)):
-        share, weights = _gauss(int(np.ceil(count)))
-        here, there = share**crowded, (1 - share) ** crowded
-        stretch = crowded * (share * (1 - share)) ** (crowded - 1) / (here + there) ** 2
-        points, outwards = plan.on_edge(edge, here / (here + there))
+        positions, weights = _gauss(int(np.ceil(count)))
+        start_powers, end_powers = positions**exponent, (1 - positions) ** exponent
+        stretch = (
+            exponent
+            * (positions * (1 - positions)) ** (exponent - 1)
+            / (start_powers + end_powers) ** 2
+        )
+        points, outwards = plan.place_on_edge(edge, start_powers / (start_powers + end_powers))
         ears, normals = plan.ear_of_edge(edge), np.tile(outwards, (len(points), 1))
         parts.append((points, np.full(len(points), ears), length * weights * stretch, normals))
-    return Nodes(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+    return Nodes(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def all_over(plan: Polygon, wavenumber: float) -> Nodes:
+def area_nodes(plan: Polygon, wavenumber: float) -> Nodes:
     """Return nodes for integrals over the plan of products of two solutions, 1/m `wavenumber`.
 
     Gauss-Legendre points in triangles, laid out as rays from one vertex (Duffy 1982): from the
-    plan's corner, where there is one, and crowding towards it.
+    plan's corner, if there is one, and denser towards it.
     """
-    filling = Triangulation.of(plan.corners, plan.extent / _TRIANGLES_ALONG).halved()
+    filling = Triangulation.of(plan.corners, plan.extent / _COARSE_TRIANGLES).halve()
     corners = filling.points[filling.triangles]
     gaps = np.linalg.norm(corners[:, :, None] - plan.corners, axis=3).min(axis=2)
     tips = gaps.argmin(axis=1)
-    turned = np.stack(
+    rotated_triangles = np.stack(
         [np.roll(each, -tip, axis=0) for each, tip in zip(corners, tips, strict=True)]
     )
     touching = gaps.min(axis=1) < _TOUCHING * plan.extent
-    phase = _NODES_A_RADIAN * wavenumber * filling.longest
+    phase = _NODES_PER_RADIAN * wavenumber * filling.longest
     parts = [
-        _rays(turned[touching], int(_SPARE_AT_CORNERS + phase), 2),
-        _rays(turned[~touching], int(_SPARE + phase), 1),
+        _rays(rotated_triangles[touching], int(_EXTRA_CORNER_NODES + phase), 2),
+        _rays(rotated_triangles[~touching], int(_EXTRA_NODES + phase), 1),
     ]
     points, weights = (np.concatenate(each) for each in zip(*parts, strict=True))
-    points, ears = plan.located(points)
+    points, ears = plan.locate(points)
     return Nodes(points, ears, weights, np.zeros_like(points))
 
 
-def _rays(triangles: Array, count: int, crowded: int) -> tuple[Array, Array]:
+def _rays(triangles: Array, count: int, exponent: int) -> tuple[Array, Array]:
     """Return points and weights of products of rules in triangles (T, 3, 2), from their tips."""
-    share, weights = _gauss(count)
-    out = share**crowded
-    growth = out * crowded * share ** (crowded - 1) * weights
+    positions, weights = _gauss(count)
+    out = positions**exponent
+    growth = out * exponent * positions ** (exponent - 1) * weights
     tips, first, second = np.moveaxis(triangles, 1, 0)
-    ends = (first[:, None] - tips[:, None]) + share[:, None] * (second - first)[:, None]
+    ends = (first[:, None] - tips[:, None]) + positions[:, None] * (second - first)[:, None]
     points = tips[:, None, None] + out[:, None, None] * ends[:, None]
     areas = cross(first - tips, second - tips)[:, None, None]
     return points.reshape(-1, 2), (areas * growth[:, None] * weights).ravel()
 
 
-def scattered(plan: Polygon, count: int) -> Nodes:
+def random_nodes(plan: Polygon, count: int) -> Nodes:
     """Return `count` places inside, at random with a fixed seed."""
-    draw = np.random.default_rng(0)
+    generator = np.random.default_rng(0)
     first, second, third = np.moveaxis(plan.corners[plan.ears], 1, 0)
     areas = cross(second - first, third - first) / 2
-    ears = draw.choice(len(areas), count, p=areas / areas.sum())
-    u, v = draw.random((2, count))
+    ears = generator.choice(len(areas), count, p=areas / areas.sum())
+    u, v = generator.random((2, count))
     u, v = np.where(u + v > 1, 1 - u, u)[:, None], np.where(u + v > 1, 1 - v, v)[:, None]
     points = first[ears] + u * (second - first)[ears] + v * (third - first)[ears]
     return Nodes(points, ears, np.full(count, areas.sum() / count), np.zeros_like(points))
 
 
-# Sources recede from a corner by this share of the way from it, and stand off so many spacings.
-_RECEDING, _SOURCES_A_DISTANCE = 0.5, 4
+# Growth of the sources' distance from the edges with that from a corner, and this distance in
+# spacings.
+_RECEDING, _SOURCES_PER_DISTANCE = 0.5, 4
 
 
-def around(plan: Polygon, farthest: float, share: float, widest: float) -> Array:
+def place_sources(
+    plan: Polygon, max_distance: float, clearance_fraction: float, max_spacing: float
+) -> Array:
     """Return points (C, 2) outside a plan, about as dense as they are far from its edges."""
 
     def distances(points: Array) -> Array:
-        ways = np.linalg.norm(points[:, None] - plan.corners, axis=2)
-        return np.minimum(farthest, (share * plan.clearances + _RECEDING * ways).min(axis=1))
+        corner_distances = np.linalg.norm(points[:, None] - plan.corners, axis=2)
+        return np.minimum(
+            max_distance,
+            (clearance_fraction * plan.clearances + _RECEDING * corner_distances).min(axis=1),
+        )
 
-    points, apart = [np.zeros((0, 2))], [np.zeros(0)]
+    points, source_distances = [np.zeros((0, 2))], [np.zeros(0)]
     for corner, bend in enumerate(np.pi - plan.angles):
-        fine, _ = plan.on_edge(corner, np.linspace(0, 1, _FINE))
-        spacings = np.minimum(distances(fine) / _SOURCES_A_DISTANCE, widest)
-        at, outwards = plan.on_edge(corner, _spread(plan.lengths[corner] / spacings))
+        fine, _ = plan.place_on_edge(corner, np.linspace(0, 1, _FINE))
+        spacings = np.minimum(distances(fine) / _SOURCES_PER_DISTANCE, max_spacing)
+        at, outwards = plan.place_on_edge(corner, _spread(plan.lengths[corner] / spacings))
         points.append(at + distances(at)[:, None] * outwards)
-        apart.append(distances(at))
+        source_distances.append(distances(at))
         if bend > 0:
             radius = distances(fine[:1])
-            turns = -bend * _spread(np.full(_FINE, bend * radius / spacings[0]))
-            turned = complex(*outwards) * np.exp(1j * turns)
-            points.append(fine[0] + radius * np.stack([turned.real, turned.imag], axis=1))
-            apart.append(np.repeat(radius, len(turns)))
+            angles = -bend * _spread(np.full(_FINE, bend * radius / spacings[0]))
+            normals = complex(*outwards) * np.exp(1j * angles)
+            points.append(fine[0] + radius * np.stack([normals.real, normals.imag], axis=1))
+            source_distances.append(np.repeat(radius, len(angles)))
     candidates, edges = np.vstack(points), edges_of((plan.corners,))
-    clear = distance_to_edges(edges, candidates) > _CLEAR * np.concatenate(apart)
+    clear = distance_to_edges(edges, candidates) > _CLEAR * np.concatenate(source_distances)
     return candidates[clear & ~contains(edges, candidates)]
 
 
@@ -552,10 +583,10 @@ _FINE, _CLEAR = 400, 0.8
 def _spread(densities: Array) -> Array:
     """Return shares of a way, given how many points the whole would have if dense as here."""
     steps = (densities[1:] + densities[:-1]) / 2 / (len(densities) - 1)
-    passed = np.concatenate([[0.0], np.cumsum(steps)])
-    parts = int(np.ceil(passed[-1]))
-    middles = (np.arange(parts) + 0.5) / parts * passed[-1]
-    return np.interp(middles, passed, np.linspace(0, 1, len(densities)))
+    cumulative_counts = np.concatenate([[0.0], np.cumsum(steps)])
+    parts = int(np.ceil(cumulative_counts[-1]))
+    midpoints = (np.arange(parts) + 0.5) / parts * cumulative_counts[-1]
+    return np.interp(midpoints, cumulative_counts, np.linspace(0, 1, len(densities)))
 
 
 def _gauss(count: int) -> tuple[Array, Array]:

@@ -37,10 +37,10 @@ class SineForms:
         return replace(self, along=self.along[modes], across=self.across[modes])
 
 
-def _sines(shares: Array, half_waves: Index) -> Array:
+def _sines(positions: Array, half_waves: Index) -> Array:
     """Return sin(n pi x) for each place and mode (K, M), computed once for each n."""
     numbers, back = np.unique(half_waves, return_inverse=True)
-    return np.sin(np.pi * np.clip(shares, 0, 1)[:, None] * numbers)[:, back]
+    return np.sin(np.pi * np.clip(positions, 0, 1)[:, None] * numbers)[:, back]
 
 
 @checked
@@ -114,8 +114,8 @@ class RectangularMembrane(Shape):
 
     def _grid(self, speed: float, highest: float) -> tuple[Index, Index, Array]:
         """Return half waves along and across and frequencies, ascending, up to `highest`."""
-        most = [int(2 * side * highest / speed) for side in (self.length, self.width)]
-        i, j = np.meshgrid(*(np.arange(1, n + 1) for n in most), indexing="ij")
+        max_counts = [int(2 * side * highest / speed) for side in (self.length, self.width)]
+        i, j = np.meshgrid(*(np.arange(1, n + 1) for n in max_counts), indexing="ij")
         frequencies = speed / 2 * np.sqrt((i / self.length) ** 2 + (j / self.width) ** 2)
         order = np.lexsort((j.ravel(), i.ravel(), frequencies.ravel()))
         order = order[frequencies.ravel()[order] <= highest]

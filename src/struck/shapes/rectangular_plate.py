@@ -20,7 +20,7 @@ from struck.shapes.shape import (
     Counterpart,
     Shape,
     Vibration,
-    overstated,
+    plate_overestimate,
     require_clamped_or_free,
     thinness,
 )
@@ -29,7 +29,7 @@ from struck.solids import Block
 from struck.solids.resolution import require_length
 
 # Values held at once while many places are read.
-_AT_ONCE = 2**22
+_BATCH_VALUES = 2**22
 
 
 def edge_polynomials(count: int, ends: tuple[int, int], u: Array, order: int = 0) -> Array:
@@ -40,19 +40,19 @@ def edge_polynomials(count: int, ends: tuple[int, int], u: Array, order: int = 0
     """
     a, b = ends
     factor = np.polynomial.Polynomial([1.0, 1.0]) ** a * np.polynomial.Polynomial([1.0, -1.0]) ** b
-    total = np.zeros((len(u), count))
-    for taken, binomial in enumerate(((1,), (1, 1), (1, 2, 1))[order]):
-        weights = factor.deriv(order - taken)(u) if order > taken else factor(u)
-        total += binomial * weights[:, None] * _jacobi(count, (2 * b, 2 * a), u, taken)
-    return total / _norms(count, ends)
+    values = np.zeros((len(u), count))
+    for inner_order, binomial in enumerate(((1,), (1, 1), (1, 2, 1))[order]):
+        weights = factor.deriv(order - inner_order)(u) if order > inner_order else factor(u)
+        values += binomial * weights[:, None] * _jacobi(count, (2 * b, 2 * a), u, inner_order)
+    return values / _norms(count, ends)
 
 
 def _jacobi(count: int, powers: tuple[int, int], u: Array, order: int) -> Array:
     """Return derivatives of Jacobi's polynomials at u: (K, count)."""
     numbers, (alpha, beta) = np.arange(count), powers
     factors = np.ones(count)
-    for taken in range(order):
-        factors = factors * (numbers + alpha + beta + 1 + taken) / 2
+    for step in range(order):
+        factors = factors * (numbers + alpha + beta + 1 + step) / 2
     lower = np.maximum(numbers - order, 0)
     values = eval_jacobi(lower, alpha + order, beta + order, u[:, None])
     return np.where(numbers >= order, factors * values, 0.0)
@@ -78,31 +78,36 @@ class RitzForms:
     dimensions = 2  # coordinates of a place: x and y
 
     def __post_init__(self) -> None:
-        largest = max(np.max(each, initial=0) for each in (self.ends, self.stride, self.starts))
-        if largest > 2:
+        max_entry = max(
+            np.max(entries, initial=0) for entries in (self.ends, self.stride, self.starts)
+        )
+        if max_entry > 2:
             raise OptionError(
-                f"ends, strides and starts of a plate's forms go up to {largest}, and at most to 2 "
-                "in one that was computed: compute the plate anew"
+                f"ends, strides and starts of a plate's forms go up to {max_entry}, and at most "
+                f"to 2 "
+                "in one that was computed: compute the plate again"
             )
 
     def values(self, places: Array) -> Array:
         """Return the deflections at x and y in m (K, 2): (K, M)."""
-        shares = np.clip(np.asarray(places)[:, :2] / (self.length, self.width), 0.0, 1.0)
-        along, across = (self._polynomials(2 * shares[:, axis] - 1, axis) for axis in (0, 1))
-        values = np.empty((len(shares), len(self.starts)))
+        positions = np.clip(np.asarray(places)[:, :2] / (self.length, self.width), 0.0, 1.0)
+        x_values, y_values = (
+            self._polynomials(2 * positions[:, axis] - 1, axis) for axis in (0, 1)
+        )
+        values = np.empty((len(positions), len(self.starts)))
         for start in np.unique(self.starts, axis=0):
             modes = np.flatnonzero((self.starts == start).all(axis=1))
-            x = along[:, start[0] :: self.stride[0]]
-            y = across[:, start[1] :: self.stride[1]]
+            x = x_values[:, start[0] :: self.stride[0]]
+            y = y_values[:, start[1] :: self.stride[1]]
             values[:, modes] = _products(x, y, self.coefficients[modes])
         return 2 * values
 
     def _polynomials(self, u: Array, axis: int) -> Array:
         """Return all polynomials along an axis (K, N), each place once."""
-        distinct, back = np.unique(u, return_inverse=True)
+        unique_places, back = np.unique(u, return_inverse=True)
         count = int(self.stride[axis]) * self.coefficients.shape[1 + axis]
         ends = (int(self.ends[axis, 0]), int(self.ends[axis, 1]))
-        return edge_polynomials(count, ends, distinct)[back]
+        return edge_polynomials(count, ends, unique_places)[back]
 
     def chosen(self, modes: Index) -> Self:
         """Return the deflections of some modes, in that order."""
@@ -113,18 +118,19 @@ def _products(x: Array, y: Array, coefficients: Array) -> Array:
     """Return sums over i and j of x_i c_mij y_j: (K, M)."""
     modes, rows, columns = coefficients.shape
     flat = coefficients.transpose(1, 0, 2).reshape(rows, modes * columns)
-    step = max(1, _AT_ONCE // flat.shape[1])
+    step = max(1, _BATCH_VALUES // flat.shape[1])
     parts = []
     for first in range(0, len(x), step):
-        some = slice(first, first + step)
-        mixed = (x[some, :rows] @ flat).reshape(-1, modes, columns)
-        parts.append(np.einsum("kmj,kj->km", mixed, y[some, :columns]))
+        block = slice(first, first + step)
+        mixed = (x[block, :rows] @ flat).reshape(-1, modes, columns)
+        parts.append(np.einsum("kmj,kj->km", mixed, y[block, :columns]))
     return np.concatenate(parts)
 
 
 # Rigid motions keep this share of the least that is not zero, by rounding.
 _ZERO = 1e-6
-# Of 1, x and y those that bend nothing, by how many of 1 and x the ends allow along both axes.
+# Number of the functions 1, x and y that do not bend the plate, by how many of 1 and x the ends
+# allow along both axes.
 _RIGID_MOTIONS = {(2, 2): 3, (2, 1): 1, (1, 2): 1}
 
 
@@ -181,32 +187,36 @@ class PlateModes:
     forms: RitzForms
 
 
-def bend(along: PolynomialAxis, across: PolynomialAxis, poisson_ratio: float) -> PlateModes:
-    """Return all modes of the polynomials; SolverError where rigid motions do not stand apart."""
-    stride = np.array([along.stride, across.stride])
+def bend(x_axis: PolynomialAxis, y_axis: PolynomialAxis, poisson_ratio: float) -> PlateModes:
+    """Return all modes of the polynomials; SolverError if rigid motions are not separated."""
+    stride = np.array([x_axis.stride, y_axis.stride])
     blocks = [
-        _Block.of(along, across, poisson_ratio, start)
+        _Block.of(x_axis, y_axis, poisson_ratio, start)
         for start in itertools.product(range(stride[0]), range(stride[1]))
     ]
-    squared = np.concatenate([block.squared for block in blocks])
-    rigid = _RIGID_MOTIONS.get((along.rigid, across.rigid), 0)
-    order = np.argsort(squared, kind="stable")[rigid:]
-    _require_apart(squared, rigid)
-    starts = np.concatenate([np.tile(block.start, (len(block.squared), 1)) for block in blocks])
-    coefficients = np.zeros((len(squared), *np.max([b.vectors.shape[1:] for b in blocks], axis=0)))
+    eigenvalues = np.concatenate([block.squared for block in blocks])
+    rigid_count = _RIGID_MOTIONS.get((x_axis.rigid, y_axis.rigid), 0)
+    order = np.argsort(eigenvalues, kind="stable")[rigid_count:]
+    _require_apart(eigenvalues, rigid_count)
+    first_indices = np.concatenate(
+        [np.tile(block.start, (len(block.squared), 1)) for block in blocks]
+    )
+    coefficients = np.zeros(
+        (len(eigenvalues), *np.max([b.vectors.shape[1:] for b in blocks], axis=0))
+    )
     ends = np.cumsum([len(block.squared) for block in blocks])
     for block, end in zip(blocks, ends, strict=True):
         modes, rows, columns = block.vectors.shape
         coefficients[end - modes : end, :rows, :columns] = block.vectors
     return PlateModes(
-        squared=squared[order],
+        squared=eigenvalues[order],
         slopes=np.concatenate([block.slopes for block in blocks])[order],
         forms=RitzForms(
-            length=along.length,
-            width=across.length,
-            ends=np.array([along.ends, across.ends]),
+            length=x_axis.length,
+            width=y_axis.length,
+            ends=np.array([x_axis.ends, y_axis.ends]),
             stride=stride,
-            starts=starts[order],
+            starts=first_indices[order],
             coefficients=coefficients[order],
         ),
     )
@@ -225,60 +235,65 @@ class _Block:
     def of(
         cls, x: PolynomialAxis, y: PolynomialAxis, poisson_ratio: float, start: tuple[int, int]
     ) -> _Block:
-        some = tuple(
+        selections = tuple(
             slice(first, None, axis.stride) for first, axis in zip(start, (x, y), strict=True)
         )
 
         def product(left: Array, right: Array) -> Array:
-            both = np.kron(left[some[0], some[0]], right[some[1], some[1]])
-            return np.asarray(both, np.float64)
+            kron_product = np.kron(
+                left[selections[0], selections[0]], right[selections[1], selections[1]]
+            )
+            return np.asarray(kron_product, np.float64)
 
         ones = np.eye(x.count), np.eye(y.count)
         twist = product(x.slopes, y.slopes)
-        across = product(x.mixed, y.mixed.T) + product(x.mixed.T, y.mixed)
+        cross_terms = product(x.mixed, y.mixed.T) + product(x.mixed.T, y.mixed)
         pure = product(x.curvatures, ones[1]) + product(ones[0], y.curvatures) + 2 * twist
-        crossed = across - 2 * twist
-        squared, vectors = _solved(pure + poisson_ratio * crossed, 2 / max(x.length, y.length))
-        slopes = np.einsum("im,ij,jm->m", vectors, crossed, vectors, optimize=True)
-        rows = len(range(x.count)[some[0]])
+        poisson_part = cross_terms - 2 * twist
+        eigenvalues, vectors = _solve(
+            pure + poisson_ratio * poisson_part, 2 / max(x.length, y.length)
+        )
+        slopes = np.einsum("im,ij,jm->m", vectors, poisson_part, vectors, optimize=True)
+        rows = len(range(x.count)[selections[0]])
         return cls(
             start=start,
-            squared=squared,
+            squared=eigenvalues,
             slopes=slopes,
-            vectors=vectors.T.reshape(len(squared), rows, -1),
+            vectors=vectors.T.reshape(len(eigenvalues), rows, -1),
         )
 
 
-def _solved(stiffness: Array, scale: float) -> tuple[Array, Array]:
+def _solve(stiffness: Array, scale: float) -> tuple[Array, Array]:
     """Return eigenvalues, ascending, and vectors of length one."""
     shift = scale**4
-    shifted = stiffness + shift * np.eye(len(stiffness))
-    weights = 1 / np.sqrt(np.diag(shifted))
+    shifted_stiffness = stiffness + shift * np.eye(len(stiffness))
+    weights = 1 / np.sqrt(np.diag(shifted_stiffness))
     inverses, vectors = scipy.linalg.eigh(
-        np.diag(weights**2), shifted * np.multiply.outer(weights, weights)
+        np.diag(weights**2), shifted_stiffness * np.multiply.outer(weights, weights)
     )
     vectors = vectors[:, ::-1] * weights[:, None]
-    squared = np.asarray(1 / inverses[::-1] - shift, np.float64)
-    return squared, np.asarray(vectors / np.linalg.norm(vectors, axis=0), np.float64)
+    eigenvalues = np.asarray(1 / inverses[::-1] - shift, np.float64)
+    return eigenvalues, np.asarray(vectors / np.linalg.norm(vectors, axis=0), np.float64)
 
 
-def _require_apart(squared: Array, rigid: int) -> None:
-    lowest = np.sort(squared)[: rigid + 1]
-    if rigid and not np.abs(lowest[:-1]).max() < _ZERO * lowest[-1]:
+def _require_apart(eigenvalues: Array, rigid_count: int) -> None:
+    low_values = np.sort(eigenvalues)[: rigid_count + 1]
+    if rigid_count and not np.abs(low_values[:-1]).max() < _ZERO * low_values[-1]:
         raise SolverError(
-            f"a rigid motion of the plate came out at {rounded(math.sqrt(abs(lowest[-2])), 3)} "
-            f"1/m^2, its lowest mode at {rounded(math.sqrt(abs(lowest[-1])), 3)}: the plate is too "
+            f"a rigid motion of the plate came out at {rounded(math.sqrt(abs(low_values[-2])), 3)} "
+            f"1/m^2, its lowest mode at {rounded(math.sqrt(abs(low_values[-1])), 3)}: the plate "
+            f"is too "
             "slender for this method; take a Bar"
         )
 
 
 EDGES = {"free": 0, "supported": 1, "clamped": 2}
-# Polynomials beyond those that half waves ask for; and for a half wave, of which pi / 2 would do
-# far from the edges, where evanescent waves want more.
-_MORE, _A_HALF_WAVE = 12, 1.75
+# Polynomials in addition to those by half waves; and those per half wave, of which pi / 2 would do
+# far from the edges, where evanescent waves need more.
+_EXTRA_COUNT, _COUNT_PER_HALF_WAVE = 12, 1.75
 # How much finer the second resolution is, whose frequencies are given, and how close the first
 # must come to it.
-_FINER, _STILL, _ROUNDS = 1.15, 1e-5, 4
+_REFINEMENT, _CONVERGED_CHANGE, _ROUNDS = 1.15, 1e-5, 4
 _MOST_FUNCTIONS = 5000
 _ROUNDING = 1e-11
 # What is still to come at corners where edges differ, over what the last step brought.
@@ -351,7 +366,7 @@ class RectangularPlate(Shape):
         return Sheet(Rectangle(self.length, self.width), self.thickness)
 
     def vibration(self, material: Material, highest: float) -> Vibration:
-        """Return every mode up to `highest` Hz, but for the motions of the plate as a rigid one.
+        """Return every mode up to `highest` Hz, without the rigid motions of the plate.
 
         Raises
         ------
@@ -360,17 +375,17 @@ class RectangularPlate(Shape):
         """
         unit, nu = self._unit(material), material.poisson_ratio
         wavenumber = math.sqrt(highest / unit)
-        plate, errors, degrees = self._settled(wavenumber, nu)
-        some = np.flatnonzero(plate.squared <= wavenumber**4)
-        shares = overstated(plate.squared[some] ** 0.25 * self.thickness, nu)
+        plate, errors, degrees = self._converge(wavenumber, nu)
+        in_band = np.flatnonzero(plate.squared <= wavenumber**4)
+        shares = plate_overestimate(plate.squared[in_band] ** 0.25 * self.thickness, nu)
         return Vibration(
-            frequencies=unit * np.sqrt(plate.squared[some]),
-            forms=plate.forms.chosen(some),
-            poisson_slopes=nu / (1 - nu**2) + plate.slopes[some] / (2 * plate.squared[some]),
-            errors=errors[some],
+            frequencies=unit * np.sqrt(plate.squared[in_band]),
+            forms=plate.forms.chosen(in_band),
+            poisson_slopes=nu / (1 - nu**2) + plate.slopes[in_band] / (2 * plate.squared[in_band]),
+            errors=errors[in_band],
             overstated=shares,
             half_wave=math.pi
-            / max(plate.squared[some].max(initial=0.0) ** 0.25, math.pi / self.extent),
+            / max(plate.squared[in_band].max(initial=0.0) ** 0.25, math.pi / self.extent),
             method=f"rectangular plate, {', '.join(self.around)}: Kirchhoff's theory by Ritz",
             references=("leissa1969",),
             details={"polynomials": degrees}
@@ -399,48 +414,50 @@ class RectangularPlate(Shape):
         inertia = 12 * (1 - material.poisson_ratio**2) * material.density
         return math.sqrt(material.youngs_modulus / inertia) * self.thickness / (2 * math.pi)
 
-    def _settled(self, wavenumber: float, nu: float) -> tuple[PlateModes, Array, list[int]]:
-        """Return modes that more polynomials hardly move, their errors, and how many there are."""
+    def _converge(self, wavenumber: float, nu: float) -> tuple[PlateModes, Array, list[int]]:
+        """Return modes that more polynomials change little, their errors, and the numbers used."""
         axes = self._axes(wavenumber, 1.0)
         plate = bend(*axes, nu)
         errors = np.full(len(plate.squared), np.inf)
-        for turn in range(1, _ROUNDS):
-            before, axes = plate, self._axes(wavenumber, _FINER**turn)
+        for round_number in range(1, _ROUNDS):
+            previous, axes = plate, self._axes(wavenumber, _REFINEMENT**round_number)
             plate = bend(*axes, nu)
-            errors = _moved(before.squared, plate.squared)
-            if errors[plate.squared <= wavenumber**4].max(initial=0.0) < _STILL:
+            errors = _estimate_errors(previous.squared, plate.squared)
+            if errors[plate.squared <= wavenumber**4].max(initial=0.0) < _CONVERGED_CHANGE:
                 break
         return plate, errors, [axis.count for axis in axes]
 
     def _axes(self, wavenumber: float, factor: float) -> tuple[PolynomialAxis, PolynomialAxis]:
-        around = [EDGES[edge] for edge in self.around]
-        pairs = ((self.length, around[:2]), (self.width, around[2:]))
-        along, across = (
+        edge_orders = [EDGES[edge] for edge in self.around]
+        pairs = ((self.length, edge_orders[:2]), (self.width, edge_orders[2:]))
+        x_axis, y_axis = (
             PolynomialAxis(
                 ends=(ends[0], ends[1]),
-                count=round(factor * (_MORE + _A_HALF_WAVE * wavenumber * length / math.pi)),
+                count=round(
+                    factor * (_EXTRA_COUNT + _COUNT_PER_HALF_WAVE * wavenumber * length / math.pi)
+                ),
                 length=length,
             )
             for length, ends in pairs
         )
-        _require_solvable(along, across)
-        return along, across
+        _require_solvable(x_axis, y_axis)
+        return x_axis, y_axis
 
 
-def _moved(before: Array, after: Array) -> Array:
+def _estimate_errors(coarse_values: Array, fine_values: Array) -> Array:
     """Return how far frequencies came down from one resolution to the next, relative."""
-    errors = np.full(len(after), np.inf)
-    count = min(len(before), len(after))
-    moved = np.abs(before[:count] / after[:count] - 1) / 2
-    errors[:count] = _REMAINING * moved + _ROUNDING
+    errors = np.full(len(fine_values), np.inf)
+    count = min(len(coarse_values), len(fine_values))
+    changes = np.abs(coarse_values[:count] / fine_values[:count] - 1) / 2
+    errors[:count] = _REMAINING * changes + _ROUNDING
     return errors
 
 
-def _require_solvable(along: PolynomialAxis, across: PolynomialAxis) -> None:
-    functions = along.count * across.count // (along.stride * across.stride)
+def _require_solvable(x_axis: PolynomialAxis, y_axis: PolynomialAxis) -> None:
+    functions = x_axis.count * y_axis.count // (x_axis.stride * y_axis.stride)
     if functions > _MOST_FUNCTIONS:
         raise OptionError(
-            f"the band asks for {along.count} x {across.count} polynomials, {functions} of one "
+            f"the band needs {x_axis.count} x {y_axis.count} polynomials, {functions} of one "
             f"symmetry: at most {_MOST_FUNCTIONS} are solved for; end the band lower, or check the "
             "lengths (m)"
         )

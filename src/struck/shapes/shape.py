@@ -24,20 +24,20 @@ from struck.solids import Block, Tube
 from struck.solids.volume_mesh import VolumeMesh
 
 BAND = (20.0, 20_000.0)  # Hz
-# Vertices across the shortest half wave: what a picture and the estimate of radiation need.
+# Vertices across the shortest half wave, as a picture and the estimate of radiation need.
 _ACROSS_A_HALF_WAVE = 4
 # Vertices along one side of a plan at most and at least: beyond, files grow to hundreds of MB.
-_MOST, _LEAST = 56, 12
+_MAX_VERTICES, _MIN_VERTICES = 56, 12
 # Modes of a model at most: their shapes at the vertices take gigabytes.
-_MOST_MODES = 3000
-_MOST_PLAN_MODES = 100_000
+_MAX_MODES = 3000
+_MAX_PLAN_MODES = 100_000
 
 
-# Thickness over half the shortest side beyond which a caution says what thin plates leave out.
-_THIN = 0.1
+# Thickness over half the shortest side above which a caution names the limits of the theory.
+_THIN_RATIO = 0.1
 
 
-def overstated(phases: Array, poisson_ratio: float) -> Array:
+def plate_overestimate(phases: Array, poisson_ratio: float) -> Array:
     """Return by how much a thin plate's frequencies lie too high, relative (Mindlin 1951).
 
     `phases` are wavenumbers times the thickness; the theory of thin plates leaves out shear and
@@ -50,12 +50,13 @@ def thinness(thickness: float, half: float, shares: Array) -> dict[str, object]:
     """Return details of a plate, with its radius or half side, m, and how much is overstated."""
     details: dict[str, object] = {"thickness over radius or half side": thickness / half}
     ends = dict(zip(("lowest", "highest"), shares[[0, -1]] if len(shares) else (), strict=False))
-    details |= {f"{end} frequency overstated by": float(each) for end, each in ends.items()}
-    if thickness > _THIN * half:
-        told = [f"the {end} frequency by about {each:.1%}" for end, each in ends.items()]
+    details |= {f"{end} frequency overstated by": float(ratio) for end, ratio in ends.items()}
+    if thickness > _THIN_RATIO * half:
+        notes = [f"the {end} frequency by about {ratio:.1%}" for end, ratio in ends.items()]
         details["caution"] = (
             f"thickness is {rounded(thickness / half, 3)} of the radius or half side, above "
-            f"{_THIN:g}: the theory of thin plates overstates {', '.join(told) or 'frequencies'}; "
+            f"{_THIN_RATIO:g}: the theory of thin plates overstates "
+            f"{', '.join(notes) or 'frequencies'}; "
             "with free or clamped edges finite elements, method='fem', do not"
         )
     return details
@@ -141,7 +142,7 @@ class Shape(ABC):
         Raises
         ------
         OptionError
-            Where no solid vibrates alike.
+            If no solid has the same vibration.
         """
         raise OptionError(
             f"{kind_of(self)} is held by its tension, which solid elements do not have: take "
@@ -165,18 +166,20 @@ class Shape(ABC):
         NoModeError
             When no mode lies within the band.
         """
-        vibration, dropped = self._vibration(material, band[1], progress), ()
+        vibration, notes = self._vibration(material, band[1], progress), ()
         if not np.any(vibration.frequencies >= band[0]):
-            told = _silent(self, material, vibration, band)
+            message = _describe_empty_band(self, material, vibration, band)
             if not none:
-                raise NoModeError(told)
-            dropped = (f"{told}: what is heard is its recoil",)
+                raise NoModeError(message)
+            notes = (f"{message}: what is heard is its recoil",)
         _require_few(vibration.frequencies, band[1])
         # As far apart as the mode shapes need, within what a file should hold.
-        wanted = vibration.half_wave / _ACROSS_A_HALF_WAVE
-        surface = self.skin(float(np.clip(wanted, self.extent / _MOST, self.extent / _LEAST)))
+        target_spacing = vibration.half_wave / _ACROSS_A_HALF_WAVE
+        surface = self.skin(
+            float(np.clip(target_spacing, self.extent / _MAX_VERTICES, self.extent / _MIN_VERTICES))
+        )
         mass = self.volume * material.density
-        centre, gyration = _spread(surface)
+        centre, gyration = _mass_properties(surface)
         formula = TransverseShapes.of(vibration.forms, len(vibration.frequencies), mass)
         return Modes(
             frequencies=vibration.frequencies,
@@ -195,21 +198,22 @@ class Shape(ABC):
                 method=vibration.method,
                 references=("doel1998", *vibration.references),
                 details=vibration.details,
-                dropped=dropped,
+                dropped=notes,
             ),
         )
 
 
-def _require_few(frequencies: Array, highest: float) -> None:
-    if len(frequencies) > _MOST_MODES:
+def _require_few(frequencies: Array, max_frequency: float) -> None:
+    if len(frequencies) > _MAX_MODES:
         raise OptionError(
-            f"the body has {len(frequencies)} modes up to {highest:g} Hz: a model takes at most "
-            f"{_MOST_MODES}; check the lengths (m), or end the band at "
-            f"{np.floor(frequencies[_MOST_MODES]):g} Hz"
+            f"the body has {len(frequencies)} modes up to {max_frequency:g} Hz: a model takes at "
+            f"most "
+            f"{_MAX_MODES}; check the lengths (m), or end the band at "
+            f"{np.floor(frequencies[_MAX_MODES]):g} Hz"
         )
 
 
-def _silent(
+def _describe_empty_band(
     shape: Shape, material: Material, vibration: Vibration, band: tuple[float, float]
 ) -> str:
     """Return the message for a band without modes: where the nearest mode lies."""
@@ -220,43 +224,45 @@ def _silent(
             f"lie below, the highest at {rounded(vibration.frequencies[-1], 4)} Hz: widen the band"
         )
     for factor in 2.0 ** np.arange(1, 12):
-        found = shape.vibration(material, high * factor).frequencies
-        if len(found):
-            lowest = rounded(found[0], 4)
-            return f"the lowest mode is at {lowest} Hz, above the band's end of {high:g} Hz"
+        frequencies = shape.vibration(material, high * factor).frequencies
+        if len(frequencies):
+            lowest_frequency = rounded(frequencies[0], 4)
+            return (
+                f"the lowest mode is at {lowest_frequency} Hz, above the band's end of {high:g} Hz"
+            )
     return f"no mode lies below {rounded(high * 2048)} Hz: check the lengths (m) of the body"
 
 
-def _spread(surface: Mesh) -> tuple[Array, Array]:
+def _mass_properties(surface: Mesh) -> tuple[Array, Array]:
     """Return centre (3,) and inertia about it (3, 3) of the enclosed volume with unit mass."""
     corners = surface.points[surface.faces]  # with the origin, each face spans a tetrahedron
     volumes = np.einsum("fd,fd->f", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]) / 6
-    shares, sums = volumes / volumes.sum(), corners.sum(axis=1)
-    centre = shares @ sums / 4
-    squares = np.einsum("f,fcd,fce->de", shares, corners, corners)
-    moments = (squares + np.einsum("f,fd,fe->de", shares, sums, sums)) / 20
+    weights, sums = volumes / volumes.sum(), corners.sum(axis=1)
+    centre = weights @ sums / 4
+    squares = np.einsum("f,fcd,fce->de", weights, corners, corners)
+    moments = (squares + np.einsum("f,fd,fe->de", weights, sums, sums)) / 20
     moments -= np.outer(centre, centre)
     return centre, np.trace(moments) * np.eye(3) - moments
 
 
 def require_tension(body: str, tension: float) -> None:
     """Raise OptionError unless `tension` is a positive, finite force over a length, N/m."""
-    name, wanted = f"tension of the {body}", "it must exceed 0, and 1e-12 N/m is the least"
-    require_number(name, tension, 1e-12, hint=wanted, unit=" N/m")
+    name, hint = f"tension of the {body}", "it must exceed 0, and 1e-12 N/m is the least"
+    require_number(name, tension, 1e-12, hint=hint, unit=" N/m")
 
 
-def require_countable(body: str, area: float, wavenumber: float, highest: float) -> None:
+def require_countable(body: str, area: float, wavenumber: float, max_frequency: float) -> None:
     """Refuse bands with over 100,000 modes by Weyl's law: about area wavenumber^2 / (4 pi)."""
     # A product in place of a square, which does not become infinite but raises.
-    require_count(body, area * wavenumber * wavenumber / (4 * math.pi), highest)
+    require_count(body, area * wavenumber * wavenumber / (4 * math.pi), max_frequency)
 
 
-def require_count(body: str, count: float, highest: float) -> None:
+def require_count(body: str, count: float, max_frequency: float) -> None:
     """Refuse bands with over 100,000 modes before any is computed."""
-    if not count <= _MOST_PLAN_MODES:
+    if not count <= _MAX_PLAN_MODES:
         raise OptionError(
-            f"the {body} has about {rounded(count, 2)} modes up to {highest:g} Hz: "
-            f"at most {_MOST_PLAN_MODES} "
+            f"the {body} has about {rounded(count, 2)} modes up to {max_frequency:g} Hz: "
+            f"at most {_MAX_PLAN_MODES} "
             "are computed; end the band lower, or check the lengths (m)"
         )
 
@@ -268,7 +274,7 @@ Held = Callable[[Array], NDArray[np.bool_]]
 ALONG_X: Turn = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
 UPRIGHT: Turn = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 # Share of the body's extent within which a node counts as on its end.
-_NEAR = 1e-9
+_END_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -297,17 +303,17 @@ class Counterpart:
 
     @property
     def fixed(self) -> Held | None:
-        """Which points are held, as `struck.analyze` asks for it."""
+        """Function that returns which points are held, for `struck.analyze`, or None."""
         return self._held if self.ends or self.rim else None
 
     def _held(self, points: Array) -> NDArray[np.bool_]:
-        near = _NEAR * float(np.ptp(points, axis=0).max())
-        held = np.zeros(len(points), bool)
+        tolerance = _END_TOLERANCE * float(np.ptp(points, axis=0).max())
+        is_held = np.zeros(len(points), bool)
         for axis, place in self.ends:
-            held |= np.abs(points[:, axis] - place) <= near
+            is_held |= np.abs(points[:, axis] - place) <= tolerance
         if self.rim is not None:
-            held |= np.hypot(points[:, 0], points[:, 1]) >= self.rim - near
-        return held
+            is_held |= np.hypot(points[:, 0], points[:, 1]) >= self.rim - tolerance
+        return is_held
 
 
 def require_clamped_or_free(kind: str, ends: tuple[str, ...]) -> None:

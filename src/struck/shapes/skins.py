@@ -16,8 +16,8 @@ from struck.model.mesh import Mesh
 
 # Places near an edge stand off it by this share.
 INSET = 0.01
-_FEWEST_AROUND = 12  # vertices of the circles of a disk
-_AROUND = 24  # of those of a rod
+_MIN_CIRCLE_VERTICES = 12  # vertices of the circles of a disk
+_ROD_VERTICES = 24  # of those of a rod
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,8 +42,10 @@ class Rod:
     @property
     def places(self) -> Mapping[str, Array]:
         """Contacts on the top: "middle" (also "top"), "quarter" of the length, and "end"."""
-        shares = {"top": 0.5, "middle": 0.5, "quarter": 0.25, "end": 1 - INSET}
-        return _on_top({name: (u * self.length, 0.0) for name, u in shares.items()}, self.height)
+        positions = {"top": 0.5, "middle": 0.5, "quarter": 0.25, "end": 1 - INSET}
+        return _place_on_top(
+            {name: (u * self.length, 0.0) for name, u in positions.items()}, self.height
+        )
 
     def skin(self, spacing: float) -> Mesh:
         """Return the rod's closed surface with vertices about `spacing` m apart along x."""
@@ -67,7 +69,7 @@ class Plan(Protocol):
         """Return the region's places by name, m."""
         ...
 
-    def filled(self, spacing: float) -> tuple[Array, Index]:
+    def triangulate(self, spacing: float) -> tuple[Array, Index]:
         """Return points (N, 2) and counter-clockwise triangles (T, 3) that fill it."""
         ...
 
@@ -92,11 +94,11 @@ class Sheet:
     @property
     def places(self) -> Mapping[str, Array]:
         """Contacts on the top by name, m (3,)."""
-        return _on_top(self.plan.marks(), self.thickness)
+        return _place_on_top(self.plan.marks(), self.thickness)
 
     def skin(self, spacing: float) -> Mesh:
         """Return the sheet's closed surface with vertices about `spacing` m apart over the plan."""
-        return slab(*self.plan.filled(spacing), self.thickness)
+        return slab(*self.plan.triangulate(spacing), self.thickness)
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,11 +120,11 @@ class Rectangle:
 
     def marks(self) -> Mapping[str, tuple[float, float]]:
         """Return the rectangle's places by name, m."""
-        shares = {"top": (0.5, 0.5), "middle": (0.5, 0.5), "quarter": (0.25, 0.25)}
-        shares |= {"edge": (1 - INSET, 0.5), "corner": (1 - INSET, 1 - INSET)}
-        return {name: (u * self.length, v * self.width) for name, (u, v) in shares.items()}
+        positions = {"top": (0.5, 0.5), "middle": (0.5, 0.5), "quarter": (0.25, 0.25)}
+        positions |= {"edge": (1 - INSET, 0.5), "corner": (1 - INSET, 1 - INSET)}
+        return {name: (u * self.length, v * self.width) for name, (u, v) in positions.items()}
 
-    def filled(self, spacing: float) -> tuple[Array, Index]:
+    def triangulate(self, spacing: float) -> tuple[Array, Index]:
         """Return points (N, 2) and counter-clockwise triangles (T, 3) that fill it."""
         return rectangle(self.length, self.width, spacing)
 
@@ -146,33 +148,33 @@ class Disk:
 
     def marks(self) -> Mapping[str, tuple[float, float]]:
         """Return the disc's places by name, m, at y = 0."""
-        inward = {"middle": 0.5, "quarter": 0.25} if self.hole else {"middle": 1.0, "quarter": 0.5}
-        inward |= {"edge": INSET, "top": inward["middle"], "rim": INSET}
+        insets = {"middle": 0.5, "quarter": 0.25} if self.hole else {"middle": 1.0, "quarter": 0.5}
+        insets |= {"edge": INSET, "top": insets["middle"], "rim": INSET}
         breadth = self.radius - self.hole
-        return {name: (self.radius - share * breadth, 0.0) for name, share in inward.items()}
+        return {name: (self.radius - inset * breadth, 0.0) for name, inset in insets.items()}
 
-    def filled(self, spacing: float) -> tuple[Array, Index]:
+    def triangulate(self, spacing: float) -> tuple[Array, Index]:
         """Return points (N, 2) and counter-clockwise triangles (T, 3) that fill it."""
-        return self._ring(spacing) if self.hole else self._full(spacing)
+        return self._triangulate_ring(spacing) if self.hole else self._triangulate_disk(spacing)
 
-    def _full(self, spacing: float) -> tuple[Array, Index]:
+    def _triangulate_disk(self, spacing: float) -> tuple[Array, Index]:
         steps = max(2, math.ceil(self.radius / spacing))
         radii = self.radius * np.arange(1, steps + 1) / steps
-        points, triangles = _between_circles(radii, _counts_around(radii, spacing))
+        points, triangles = _triangulate_circles(radii, _counts_around(radii, spacing))
         first = np.arange(_counts_around(radii[:1], spacing)[0])
         fan = np.column_stack([np.zeros_like(first), first + 1, np.roll(first, -1) + 1])
         return np.vstack([np.zeros((1, 2)), points]), np.vstack([fan, triangles + 1])
 
-    def _ring(self, spacing: float) -> tuple[Array, Index]:
+    def _triangulate_ring(self, spacing: float) -> tuple[Array, Index]:
         steps = math.ceil((self.radius - self.hole) / spacing)
         radii = np.linspace(self.hole, self.radius, max(2, steps) + 1)
         counts = _counts_around(radii, spacing)
         if steps < 2:  # chords of unequal polygons might cross
             counts[:] = counts.max()
-        return _between_circles(radii, counts)
+        return _triangulate_circles(radii, counts)
 
 
-def _on_top(plan: Mapping[str, tuple[float, float]], height: float) -> Mapping[str, Array]:
+def _place_on_top(plan: Mapping[str, tuple[float, float]], height: float) -> Mapping[str, Array]:
     """Return contacts (3,), m, half the height above places in the plan."""
     places = {name: np.array([x, y, height / 2]) for name, (x, y) in plan.items()}
     for place in places.values():
@@ -181,14 +183,16 @@ def _on_top(plan: Mapping[str, tuple[float, float]], height: float) -> Mapping[s
 
 
 def _counts_around(radii: Array, spacing: float) -> Index:
-    return np.maximum(_FEWEST_AROUND, np.ceil(2 * np.pi * radii / spacing)).astype(np.int64)
+    return np.maximum(_MIN_CIRCLE_VERTICES, np.ceil(2 * np.pi * radii / spacing)).astype(np.int64)
 
 
-def _between_circles(radii: Array, counts: Index) -> tuple[Array, Index]:
+def _triangulate_circles(radii: Array, counts: Index) -> tuple[Array, Index]:
     """Return points on circles and the triangles between each and the next."""
-    starts = np.append(0, np.cumsum(counts))
+    start_indices = np.append(0, np.cumsum(counts))
     points = np.vstack([_circle(r, n) for r, n in zip(radii, counts, strict=True)])
-    triangles = [_belt(*counts[i : i + 2], *starts[i : i + 2]) for i in range(len(radii) - 1)]
+    triangles = [
+        _belt(*counts[i : i + 2], *start_indices[i : i + 2]) for i in range(len(radii) - 1)
+    ]
     return points, np.vstack(triangles)
 
 
@@ -202,12 +206,12 @@ def _belt(inner: int, outer: int, inner_start: int, outer_start: int) -> Index:
     # Each edge of one circle meets that point of the other which is reached at its middle when
     # one walks around both: fractions of a turn are compared as whole numbers.
     i, j = np.arange(inner), np.arange(outer)
-    # How many middles of outer edges come before that of each inner edge, and the reverse.
-    apex_outside = -((outer * (2 * i + 1) - inner) // (-2 * inner)) % outer
-    apex_inside = ((inner * (2 * j + 1) - outer) // (2 * outer) + 1) % inner
-    inward = [i + inner_start, apex_outside + outer_start, (i + 1) % inner + inner_start]
-    outward = [j + outer_start, (j + 1) % outer + outer_start, apex_inside + inner_start]
-    return np.vstack([np.column_stack(inward), np.column_stack(outward)])
+    # Number of midpoints of outer edges before that of each inner edge, and the reverse.
+    outer_apexes = -((outer * (2 * i + 1) - inner) // (-2 * inner)) % outer
+    inner_apexes = ((inner * (2 * j + 1) - outer) // (2 * outer) + 1) % inner
+    inner_triangles = [i + inner_start, outer_apexes + outer_start, (i + 1) % inner + inner_start]
+    outer_triangles = [j + outer_start, (j + 1) % outer + outer_start, inner_apexes + inner_start]
+    return np.vstack([np.column_stack(inner_triangles), np.column_stack(outer_triangles)])
 
 
 def rectangle(
@@ -235,7 +239,7 @@ def slab(points: Array, triangles: Index, thickness: float) -> Mesh:
     """
     count = len(points)
     heights = np.repeat([thickness / 2, -thickness / 2], count)
-    both = np.column_stack([np.vstack([points, points]), heights])
+    vertices = np.column_stack([np.vstack([points, points]), heights])
     start, end = _rim(triangles).T
     walls = np.vstack(
         [
@@ -243,7 +247,7 @@ def slab(points: Array, triangles: Index, thickness: float) -> Mesh:
             np.column_stack([start, end + count, end]),
         ]
     )
-    return Mesh(points=both, faces=np.vstack([triangles, triangles[:, ::-1] + count, walls]))
+    return Mesh(points=vertices, faces=np.vstack([triangles, triangles[:, ::-1] + count, walls]))
 
 
 def _rim(triangles: Index) -> Index:
@@ -256,7 +260,7 @@ def _rim(triangles: Index) -> Index:
 
 
 def sleeve(
-    length: float, radius: float, bore: float, spacing: float, *, around: int = _AROUND
+    length: float, radius: float, bore: float, spacing: float, *, vertex_count: int = _ROD_VERTICES
 ) -> Mesh:
     """Return the surface of a rod along x, or of a tube where the `bore` (inner radius) is not 0.
 
@@ -264,37 +268,42 @@ def sleeve(
     its volume.
     """
     x = np.linspace(0, length, _steps(length, spacing) + 1)
-    sides = np.arange(len(x) * around).reshape(len(x), around)
-    outer, outside = _tube(x, radius, sides)
+    sides = np.arange(len(x) * vertex_count).reshape(len(x), vertex_count)
+    outer, outer_triangles = _tube(x, radius, sides)
     if bore:
-        inner, inside = _tube(x, bore, sides + sides.size)
-        first, last = (_between_rings(sides[k], sides[k] + sides.size) for k in (0, -1))
-        parts = [outer, inner], [outside, inside[:, ::-1], first, last[:, ::-1]]
+        inner, inner_triangles = _tube(x, bore, sides + sides.size)
+        first, last = (_triangulate_rings(sides[k], sides[k] + sides.size) for k in (0, -1))
+        parts = [outer, inner], [outer_triangles, inner_triangles[:, ::-1], first, last[:, ::-1]]
     else:
-        middles = np.array([[0, 0, 0], [length, 0, 0]], dtype=float)
+        centres = np.array([[0, 0, 0], [length, 0, 0]], dtype=float)
         caps = [
-            np.column_stack([sides[k], np.roll(sides[k], -1), np.full(around, sides.size + number)])
+            np.column_stack(
+                [sides[k], np.roll(sides[k], -1), np.full(vertex_count, sides.size + number)]
+            )
             for number, k in enumerate((0, -1))
         ]
-        parts = [outer, middles], [outside, caps[0], caps[1][:, ::-1]]
+        parts = [outer, centres], [outer_triangles, caps[0], caps[1][:, ::-1]]
     return Mesh(points=np.vstack(parts[0]), faces=np.vstack(parts[1]))
 
 
 def _tube(x: Array, radius: float, numbers: Index) -> tuple[Array, Index]:
     """Return points and outward triangles of a cylinder's mantle."""
-    around = numbers.shape[1]
-    angles = 2 * np.pi * np.arange(around) / around
+    vertex_count = numbers.shape[1]
+    angles = 2 * np.pi * np.arange(vertex_count) / vertex_count
     reach = radius * np.sqrt(angles[1] / np.sin(angles[1]))
-    points = np.empty((len(x), around, 3))
+    points = np.empty((len(x), vertex_count, 3))
     points[..., 0] = x[:, None]
     points[..., 1] = reach * np.sin(angles)
     points[..., 2] = reach * np.cos(angles)
-    rings = [_between_rings(second, first) for first, second in itertools.pairwise(numbers)]
+    rings = [_triangulate_rings(second, first) for first, second in itertools.pairwise(numbers)]
     return points.reshape(-1, 3), np.vstack(rings)
 
 
-def _between_rings(first: Index, second: Index) -> Index:
+def _triangulate_rings(first: Index, second: Index) -> Index:
     """Return the triangles between two rings of as many vertices."""
-    following, across = np.roll(first, -1), np.roll(second, -1)
-    halves = [np.column_stack([first, following, across]), np.column_stack([first, across, second])]
+    following, next_second = np.roll(first, -1), np.roll(second, -1)
+    halves = [
+        np.column_stack([first, following, next_second]),
+        np.column_stack([first, next_second, second]),
+    ]
     return np.vstack(halves)

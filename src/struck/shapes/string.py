@@ -16,7 +16,7 @@ from struck.shapes.shape import Shape, Vibration, require_count
 from struck.shapes.skins import Rod, sleeve
 from struck.solids.resolution import require_length
 
-_AROUND = 12
+_VERTEX_COUNT = 12
 _ROUNDING = 1e-14
 
 
@@ -102,17 +102,17 @@ class String(Shape):
 
     def vibration(self, material: Material, highest: float) -> Vibration:
         """Return every mode up to `highest` Hz."""
-        lowest = self._lowest(material)
+        fundamental = self._fundamental(material)
         inharmonicity = self._inharmonicity(material)
         # Stiffness only raises frequencies: no more modes than harmonics lie below.
-        require_count("string", highest / lowest, highest)
-        numbers = np.arange(1, int(highest / lowest) + 1)
-        frequencies = lowest * np.sqrt(1 + inharmonicity * numbers**2.0) * numbers
-        within = frequencies <= highest
-        count = np.count_nonzero(within)
+        require_count("string", highest / fundamental, highest)
+        numbers = np.arange(1, int(highest / fundamental) + 1)
+        frequencies = fundamental * np.sqrt(1 + inharmonicity * numbers**2.0) * numbers
+        in_band = frequencies <= highest
+        count = np.count_nonzero(in_band)
         return Vibration(
-            frequencies=frequencies[within],
-            forms=StringForms(length=self.length, numbers=numbers[within]),
+            frequencies=frequencies[in_band],
+            forms=StringForms(length=self.length, numbers=numbers[in_band]),
             # Slopes cannot tell what stiffness and tension each do: then another wire is refused.
             poisson_slopes=np.full(count, np.nan if self.stiff else 0.0),
             errors=np.full(count, _ROUNDING),
@@ -122,7 +122,7 @@ class String(Shape):
             details={"inharmonicity": inharmonicity},
         )
 
-    def _lowest(self, material: Material) -> float:
+    def _fundamental(self, material: Material) -> float:
         """Return the lowest frequency that tension alone makes, Hz."""
         area = math.pi * self.radius**2
         return math.sqrt(self.tension / (material.density * area)) / (2 * self.length)
@@ -137,4 +137,4 @@ class String(Shape):
 
 
 def _skin(radius: float, length: float, spacing: float) -> Mesh:
-    return sleeve(length, radius, 0.0, spacing, around=_AROUND)
+    return sleeve(length, radius, 0.0, spacing, vertex_count=_VERTEX_COUNT)

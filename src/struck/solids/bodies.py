@@ -14,8 +14,8 @@ import numpy as np
 
 from struck.errors import OptionError
 from struck.model.arrays import Array, checked
-from struck.solids.hexahedra import divided, lattice, quadrilaterals, stacked
-from struck.solids.meridian import INSET, Patch, revolved
+from struck.solids.hexahedra import divide_breaks, lattice, quadrilaterals, stack_layers
+from struck.solids.meridian import INSET, Patch, revolve
 from struck.solids.polygon_mesh import (
     Loops,
     Pairs,
@@ -29,8 +29,8 @@ from struck.solids.polygon_mesh import (
 from struck.solids.resolution import (
     block_counts,
     extrusion_edge,
-    finer_around,
-    finer_counts,
+    refine_counts,
+    refine_round_counts,
     require_counts,
     require_length,
     require_round,
@@ -97,18 +97,18 @@ class Extrusion:
     def places(self) -> Mapping[str, Array]:
         """Contacts on the block by name, m.
 
-        "top" and "bottom": in the middle of the faces; "corner": on the top face, 1 % of the
+        "top" and "bottom": the deepest points of these faces; "corner": on the top face, 1 % of the
         extent inside the corner farthest out; "side": the middle of the longest edge's face.
         """
         loops = self._loops
-        middle, side = _deep_inside(loops), _middle_of_longest_edge(loops[0])
+        middle, side = _find_deepest_place(loops), _middle_of_longest_edge(loops[0])
         places = {
             "top": (*middle, self.height),
             "bottom": (*middle, 0.0),
-            "corner": (*_near_corner(loops), self.height),
+            "corner": (*_find_place_near_corner(loops), self.height),
             "side": (*side, self.height / 2),
         }
-        return _frozen(places)
+        return _freeze_places(places)
 
     def volume_mesh(self, accuracy: str = "standard", finer: float = 1.0) -> VolumeMesh:
         """Return 20-node hexahedra in layers.
@@ -134,19 +134,19 @@ class Extrusion:
         else:
             edge = float(np.ptp(self._loops[0], axis=0).max()) / self.elements[0] / finer
             layers = max(1, round(self.elements[1] * finer))
-        levels = divided(np.array([0.0, self.height]), layers)
-        nodes, elements = stacked(quadrilaterals(self._loops, edge), levels)
+        levels = divide_breaks(np.array([0.0, self.height]), layers)
+        nodes, elements = stack_layers(quadrilaterals(self._loops, edge), levels)
         return VolumeMesh(nodes=nodes, elements=elements, kind="hex20")
 
 
-_GRID = 41  # points a side of the search for the deepest one
+_GRID = 41  # points per side of the search for the deepest one
 
 
-def _deep_inside(loops: Loops) -> Array:
+def _find_deepest_place(loops: Loops) -> Array:
     """Return the centroid of the outline's corners' box, or the deepest point found inside."""
     low, high = loops[0].min(axis=0), loops[0].max(axis=0)
-    shares = np.stack(np.meshgrid(*[np.linspace(0, 1, _GRID)] * 2), axis=-1).reshape(-1, 2)
-    points = low + shares * (high - low)
+    fractions = np.stack(np.meshgrid(*[np.linspace(0, 1, _GRID)] * 2), axis=-1).reshape(-1, 2)
+    points = low + fractions * (high - low)
     points = points[contains(edges_of(loops), points)]
     depths = distance_to_edges(edges_of(loops), points)
     # Among equally deep points the one nearest the middle: a long plate's middle, not its end.
@@ -160,7 +160,7 @@ def _middle_of_longest_edge(loop: Array) -> Array:
     return loop[longest] + steps[longest] / 2
 
 
-def _near_corner(loops: Loops) -> Array:
+def _find_place_near_corner(loops: Loops) -> Array:
     """Return a point just inside the corner farthest from the middle of the outline's box."""
     loop = loops[0]
     extent = np.ptp(loop, axis=0)
@@ -230,7 +230,7 @@ class Tube:
     def places(self) -> Places:
         """Contacts on the outer side: "middle", "quarter" of the length, "end" 1 % off it."""
         heights = {"middle": 0.0, "quarter": 0.25, "end": 0.5 - INSET}
-        return _frozen({k: (self.radius, 0, z * self.length) for k, z in heights.items()})
+        return _freeze_places({k: (self.radius, 0, z * self.length) for k, z in heights.items()})
 
     @property
     def playing_place(self) -> str:
@@ -240,24 +240,24 @@ class Tube:
     def volume_mesh(self, accuracy: str = "standard", finer: float = 1.0) -> VolumeMesh:
         """Return curved 20-node hexahedra; see `struck.solids.Block.volume_mesh`."""
         counts = self.elements or tube_counts(self.length, self.radius, self.wall, accuracy)
-        around, along, through = finer_around(
+        around_count, along_count, through_count = refine_round_counts(
             counts, round_sizes(self.length, self.radius, self.wall), finer
         )
-        nodes, elements = revolved([self._patch(along, through)], around)
+        nodes, elements = revolve([self._patch(along_count, through_count)], around_count)
         return VolumeMesh(nodes=nodes, elements=elements, kind="hex20")
 
-    def _patch(self, along: int, through: int) -> Patch:
+    def _patch(self, along_count: int, through_count: int) -> Patch:
         bore = self.radius - self.wall
 
         def at(u: Array, v: Array) -> Array:
             return np.stack([bore + u * self.wall, (v - 0.5) * self.length], axis=-1)
 
-        whole = np.array([0.0, 1.0])
+        unit_interval = np.array([0.0, 1.0])
         return Patch(
             at=at,
-            along=divided(whole, through),
-            across=divided(whole, along),
-            rings=through if bore == 0 else 0,
+            along=divide_breaks(unit_interval, through_count),
+            across=divide_breaks(unit_interval, along_count),
+            rings=through_count if bore == 0 else 0,
         )
 
 
@@ -303,7 +303,7 @@ class Block:
         and "corner" (+x, +y), both 1 % off the edges.
         """
         edge = 0.5 - INSET
-        shares = {
+        positions = {
             "top": (0, 0, 0.5),
             "middle": (0, 0, 0.5),
             "bottom": (0, 0, -0.5),
@@ -311,7 +311,9 @@ class Block:
             "end": (edge, 0, 0.5),
             "corner": (edge, edge, 0.5),
         }
-        return _frozen({name: np.multiply(share, self.size) for name, share in shares.items()})
+        return _freeze_places(
+            {name: np.multiply(position, self.size) for name, position in positions.items()}
+        )
 
     def volume_mesh(self, accuracy: str = "standard", finer: float = 1.0) -> VolumeMesh:
         """Return 20-node hexahedra.
@@ -329,14 +331,14 @@ class Block:
         OptionError
             On an unknown accuracy.
         """
-        counts = finer_counts(self.elements or block_counts(self.size, accuracy), self.size, finer)
+        counts = refine_counts(self.elements or block_counts(self.size, accuracy), self.size, finer)
         x, y, z = (
-            divided(np.array([-side / 2, side / 2]), count)
+            divide_breaks(np.array([-side / 2, side / 2]), count)
             for side, count in zip(self.size, counts, strict=True)
         )
-        nodes, elements = stacked(lattice(x, y), z)
+        nodes, elements = stack_layers(lattice(x, y), z)
         return VolumeMesh(nodes=nodes, elements=elements, kind="hex20")
 
 
-def _frozen(places: Mapping[str, Array | tuple[float, float, float]]) -> Places:
+def _freeze_places(places: Mapping[str, Array | tuple[float, float, float]]) -> Places:
     return MappingProxyType({name: np.array(at, float) for name, at in places.items()})

@@ -40,8 +40,8 @@ class Element:
     @cached_property
     def nodes(self) -> Array:
         """Reference coordinates of all nodes (n, 3)."""
-        middles = [(self.corners[a] + self.corners[b]) / 2 for a, b in self.edges]
-        return np.vstack([self.corners, *middles])
+        midside_nodes = [(self.corners[a] + self.corners[b]) / 2 for a, b in self.edges]
+        return np.vstack([self.corners, *midside_nodes])
 
     @cached_property
     def _coefficients(self) -> Array:
@@ -53,7 +53,7 @@ class Element:
 
     def gradients(self, points: Array) -> Array:
         """Return their gradients in reference coordinates: (q, n, 3)."""
-        slopes = [_derivative(points, self.exponents, axis) for axis in range(3)]
+        slopes = [_differentiate(points, self.exponents, axis) for axis in range(3)]
         return np.stack([slope @ self._coefficients for slope in slopes], axis=-1)
 
 
@@ -61,10 +61,10 @@ def _monomials(points: Array, exponents: Index) -> Array:
     return np.prod(points[:, None, :] ** exponents, axis=2)
 
 
-def _derivative(points: Array, exponents: Index, axis: int) -> Array:
-    lowered = exponents.copy()
-    lowered[:, axis] = np.maximum(lowered[:, axis] - 1, 0)
-    return exponents[:, axis] * _monomials(points, lowered)
+def _differentiate(points: Array, exponents: Index, axis: int) -> Array:
+    lower_exponents = exponents.copy()
+    lower_exponents[:, axis] = np.maximum(lower_exponents[:, axis] - 1, 0)
+    return exponents[:, axis] * _monomials(points, lower_exponents)
 
 
 def _tetrahedron_rule(*orbits: tuple[float, tuple[float, ...]]) -> Quadrature:
@@ -90,11 +90,11 @@ def _hexahedron_rule(count: int) -> Quadrature:
     )
 
 
-def _blend(main: Quadrature, other: Quadrature, share: float) -> Quadrature:
-    """Return a rule that is `main` but for a share of the `other`."""
+def _blend(first_rule: Quadrature, second_rule: Quadrature, weight: float) -> Quadrature:
+    """Return the weighted mean of two rules, `weight` that of the second."""
     return Quadrature(
-        points=np.vstack([main.points, other.points]),
-        weights=np.concatenate([(1 - share) * main.weights, share * other.weights]),
+        points=np.vstack([first_rule.points, second_rule.points]),
+        weights=np.concatenate([(1 - weight) * first_rule.weights, weight * second_rule.weights]),
     )
 
 
@@ -113,10 +113,10 @@ def _up_to(degree: int) -> Index:
     return np.array([e for e in product(range(degree + 1), repeat=3) if sum(e) <= degree])
 
 
-def _wedge(*, quadratic: bool) -> Index:
-    flat = _up_to(2 if quadratic else 1)
+def _wedge(*, is_quadratic: bool) -> Index:
+    flat = _up_to(2 if is_quadratic else 1)
     prism = [(i, j, k) for i, j, z in flat if z == 0 for k in (0, 1)]
-    return np.array(prism + ([(0, 0, 2), (1, 0, 2), (0, 1, 2)] if quadratic else []))
+    return np.array(prism + ([(0, 0, 2), (1, 0, 2), (0, 1, 2)] if is_quadratic else []))
 
 
 # Walkington's rule of degree 5 with positive weights, and the rule of degree 2.
@@ -159,10 +159,10 @@ def _linear_and_quadratic(
     mass: Quadrature,
 ) -> Iterator[Element]:
     """Yield the linear and the quadratic element of one form."""
-    for powers, middles in zip(exponents, ((), edges), strict=True):
+    for powers, midside_edges in zip(exponents, ((), edges), strict=True):
         yield Element(
             corners=corners,
-            edges=middles,
+            edges=midside_edges,
             sides=sides,
             exponents=powers,
             stiffness_rule=stiffness,
@@ -200,7 +200,7 @@ _WEDGE6, _WEDGE15 = _linear_and_quadratic(
     np.array([(x, y, z) for z in (0, 1) for x, y in ((0, 0), (1, 0), (0, 1))], dtype=float),
     ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
     ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
-    (_wedge(quadratic=False), _wedge(quadratic=True)),
+    (_wedge(is_quadratic=False), _wedge(is_quadratic=True)),
     stiffness=_WEDGE_18,
     straight=_WEDGE_18,
     mass=_WEDGE_18,
@@ -216,6 +216,6 @@ ELEMENTS: Mapping[str, Element] = MappingProxyType(
         "wedge15": _WEDGE15,
     }
 )
-PROMOTED: Mapping[str, str] = MappingProxyType(
+QUADRATIC_KINDS: Mapping[str, str] = MappingProxyType(
     {"tet4": "tet10", "hex8": "hex20", "wedge6": "wedge15"}
 )

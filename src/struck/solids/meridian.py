@@ -19,7 +19,7 @@ from scipy.optimize import root_scalar
 
 from struck.errors import MeshError, rounded
 from struck.model.arrays import Array, Index
-from struck.solids.hexahedra import angles, disc, divided, lattice, merged, stacked
+from struck.solids.hexahedra import angles, disc, divide_breaks, lattice, merge_meshes, stack_layers
 from struck.solids.polygon_mesh import crossing, place_of
 
 
@@ -30,7 +30,7 @@ class MeridianCurve:
     at: Callable[[Array], Array]  # from positions along it (K,) to points, m (K, 2)
     knots: Array  # ascending positions of its ends and corners
 
-    def sampled(self, start: float, end: float, count: int = 24) -> Array:
+    def sample(self, start: float, end: float, count: int = 24) -> Array:
         """Return points from `start` to `end`, backward if need be, knots among them."""
         pieces = [np.linspace(a, b, count, endpoint=False) for a, b in self._pieces(start, end)]
         points = self.at(np.concatenate([*pieces, [max(start, end)]]))
@@ -38,7 +38,7 @@ class MeridianCurve:
 
     def swept_volume(self, start: float, end: float) -> float:
         """Return pi times the integral of r^2 dz from `start` to `end`, m^3."""
-        volume = sum(_swept(self.at, a, b) for a, b in self._pieces(start, end))
+        volume = sum(_sweep_volume(self.at, a, b) for a, b in self._pieces(start, end))
         return float(volume if start < end else -volume)
 
     def _pieces(self, start: float, end: float) -> list[tuple[float, float]]:
@@ -47,12 +47,12 @@ class MeridianCurve:
         return list(pairwise([low, *inner.tolist(), high]))
 
 
-_WHOLE = np.array([0.0, 1.0])
+_UNIT_INTERVAL = np.array([0.0, 1.0])
 _ROUNDING = 1e-14
 _DEGREE = 32  # of the interpolant between knots: its error is that of rounding
 
 
-def _swept(at: Callable[[Array], Array], low: float, high: float) -> float:
+def _sweep_volume(at: Callable[[Array], Array], low: float, high: float) -> float:
     r, z = (
         Chebyshev.interpolate(lambda s, axis=axis: at(s)[:, axis], _DEGREE, [low, high])
         for axis in (0, 1)
@@ -63,7 +63,7 @@ def _swept(at: Callable[[Array], Array], low: float, high: float) -> float:
 
 def segment(start: Array, end: Array) -> MeridianCurve:
     """Return the straight curve from `start` to `end`, positions 0 to 1."""
-    return _polyline(_WHOLE, np.stack([start, end]))
+    return _polyline(_UNIT_INTERVAL, np.stack([start, end]))
 
 
 def smooth_curve(points: Array) -> MeridianCurve:
@@ -72,10 +72,10 @@ def smooth_curve(points: Array) -> MeridianCurve:
     curve, rounding = _spline(points, chord), _ROUNDING * np.abs(points).max()
 
     def at(s: Array) -> Array:
-        found = np.asarray(curve(s), np.float64)
-        # What meets the axis lies on it.
-        found[..., 0] = np.where(np.abs(found[..., 0]) <= rounding, 0.0, found[..., 0])
-        return found
+        positions = np.asarray(curve(s), np.float64)
+        # Radii within rounding of the axis are 0.
+        positions[..., 0] = np.where(np.abs(positions[..., 0]) <= rounding, 0.0, positions[..., 0])
+        return positions
 
     return MeridianCurve(at=at, knots=chord)
 
@@ -122,8 +122,8 @@ class Wall:
 
     def at(self, s: Array, through: Array) -> Array:
         """Return points (K, 2) at `s` along and `through` (0 right, 1 left) the wall."""
-        share = np.asarray(through)[..., None]
-        return (1 - share) * self.right.at(s) + share * self.left.at(s)
+        fractions = np.asarray(through)[..., None]
+        return (1 - fractions) * self.right.at(s) + fractions * self.left.at(s)
 
     def rim(self) -> MeridianCurve:
         """Return the straight end of the wall, from right to left."""
@@ -141,14 +141,14 @@ class Wall:
 def smooth_wall(points: Array, thickness: Array) -> Wall:
     """Return the wall about the spline through `points`, of a thickness that varies smoothly."""
     chord = _chord(points)
-    middle, half = _spline(points, chord), _half_thickness(points, chord, thickness)
+    centre_line, half = _spline(points, chord), _half_thickness(points, chord, thickness)
 
     def offset(side: float) -> MeridianCurve:
         def at(s: Array) -> Array:
-            slope = middle(s, 1)
+            slope = centre_line(s, 1)
             normal = np.stack([-slope[..., 1], slope[..., 0]], axis=-1)
             unit = normal / np.linalg.norm(slope, axis=-1, keepdims=True)
-            return middle(s) + side * half(s)[..., None] * unit
+            return centre_line(s) + side * half(s)[..., None] * unit
 
         return MeridianCurve(at=at, knots=chord)
 
@@ -176,40 +176,41 @@ def _mitres(points: Array) -> Array:
     """Return the offsets of the corners that move every segment to its left by one."""
     steps = np.diff(points, axis=0)
     directions = steps / np.linalg.norm(steps, axis=1)[:, None]
-    before = np.vstack([directions[:1], directions])
-    after = np.vstack([directions, directions[-1:]])
-    # Beyond the axis the wall goes on as its own mirror image.
+    previous_directions = np.vstack([directions[:1], directions])
+    next_directions = np.vstack([directions, directions[-1:]])
+    # Beyond the axis the wall continues as its mirror image.
     if points[0, 0] == 0:
-        before[0] = after[0] * (1, -1)
+        previous_directions[0] = next_directions[0] * (1, -1)
     if points[-1, 0] == 0:
-        after[-1] = before[-1] * (1, -1)
-    bend = np.sum(before * after, axis=1)
+        next_directions[-1] = previous_directions[-1] * (1, -1)
+    bend = np.sum(previous_directions * next_directions, axis=1)
     if bend.min() < -0.85:
         raise MeshError(
             f"the profile folds back at {_place(points[np.argmin(bend)])}, by more than 148 "
             "degrees: blunt that corner with a further point"
         )
-    normals = (before + after)[:, ::-1] * (-1, 1)
+    normals = (previous_directions + next_directions)[:, ::-1] * (-1, 1)
     return normals / (1 + bend)[:, None]
 
 
 def check_wall(wall: Wall) -> None:
     """Raise MeshError, naming where, on a wall that folds over itself or crosses the axis."""
-    right, left = (edge.sampled(0, wall.length) for edge in (wall.right, wall.left))
-    middle, lowest = (right + left) / 2, np.minimum(right, left)[:, 0]
-    step = np.diff(middle, axis=0)
+    right, left = (edge.sample(0, wall.length) for edge in (wall.right, wall.left))
+    centre_line, min_radii = (right + left) / 2, np.minimum(right, left)[:, 0]
+    step = np.diff(centre_line, axis=0)
     folded = [np.sum(np.diff(edge, axis=0) * step, axis=1) <= 0 for edge in (right, left)]
     if np.any(folded):
         raise MeshError(
-            f"the wall folds over itself near {_place(middle[:-1][np.any(folded, axis=0)][0])}, "
+            f"the wall folds over itself near "
+            f"{_place(centre_line[:-1][np.any(folded, axis=0)][0])}, "
             "where the profile bends too tightly for its thickness: thin the wall or widen the bend"
         )
-    reach = 1e-9 * np.abs(middle).max()
-    forbidden = lowest <= reach
-    forbidden[[0, -1]] &= middle[[0, -1], 0] > reach
+    reach = 1e-9 * np.abs(centre_line).max()
+    forbidden = min_radii <= reach
+    forbidden[[0, -1]] &= centre_line[[0, -1], 0] > reach
     if forbidden.any():
         raise MeshError(
-            f"the wall reaches the axis near {_place(middle[np.argmax(forbidden)])}: move the "
+            f"the wall reaches the axis near {_place(centre_line[np.argmax(forbidden)])}: move the "
             "profile out or thin the wall; only its ends may lie on the axis, at r = 0"
         )
 
@@ -223,25 +224,25 @@ class Patch:
     """A curved quadrilateral of the meridian, cut into elements."""
 
     at: Callable[[Array, Array], Array]  # from u and v (K,), v left of u, to (r, z), m (K, 2)
-    along: Array  # (2m + 1,): u of ends and middles of elements
+    along: Array  # (2m + 1,): u of ends and midpoints of elements
     across: Array  # (2n + 1,): v of them
     rings: int = 0  # where u = 0 is on the axis: elements from core to last u
 
 
-def revolved(patches: Iterable[Patch], around: int) -> tuple[Array, Index]:
+def revolve(patches: Iterable[Patch], count: int) -> tuple[Array, Index]:
     """Turn patches about the z axis and glue them: nodes (N, 3) and hexahedra (E, 20)."""
-    parts = [_turned(patch, around) for patch in patches]
-    return merged([nodes for nodes, _ in parts], [elements for _, elements in parts])
+    parts = [_revolve_patch(patch, count) for patch in patches]
+    return merge_meshes([nodes for nodes, _ in parts], [elements for _, elements in parts])
 
 
-def _turned(patch: Patch, around: int) -> tuple[Array, Index]:
+def _revolve_patch(patch: Patch, count: int) -> tuple[Array, Index]:
     if patch.rings:
-        parameters, elements = stacked(disc(around, patch.rings), patch.across)
+        parameters, elements = stack_layers(disc(count, patch.rings), patch.across)
         x, y, v = parameters.T
         u, angle = np.hypot(x, y) * patch.along[-1], np.arctan2(y, x)
     else:
-        sheet = lattice(patch.along, angles(around), closed=True)
-        parameters, elements = stacked(sheet, patch.across)
+        sheet = lattice(patch.along, angles(count), closed=True)
+        parameters, elements = stack_layers(sheet, patch.across)
         u, angle, v = parameters.T
     r, z = patch.at(u, v).T
     return np.column_stack([r * np.cos(angle), r * np.sin(angle), z]), elements
@@ -287,7 +288,7 @@ def volume(contour: Contour) -> float:
 def outline(contour: Contour) -> Array:
     """Return points (n, 2) of a contour, each once."""
     count = max(2, 800 // sum(len(curve.knots) for curve, _, _ in contour))
-    return np.vstack([curve.sampled(start, end, count)[:-1] for curve, start, end in contour])
+    return np.vstack([curve.sample(start, end, count)[:-1] for curve, start, end in contour])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -310,42 +311,46 @@ class Shell:
 
     def patches(self, counts: Counts, disc: float | None = None) -> list[Patch]:
         """Return patches; `disc` is where the first disc on the axis ends along the mid-line, m."""
-        length, across = self.wall.length, divided(_WHOLE, counts.through)
-        straight = np.diff(self.breaks)[[0, -1]]
-        first, last = np.where(self.on_axis, [self._disc(counts, run) for run in straight], 0.0)
+        length, levels = self.wall.length, divide_breaks(_UNIT_INTERVAL, counts.through)
+        end_lengths = np.diff(self.breaks)[[0, -1]]
+        first, last = np.where(self.on_axis, [self._disc(counts, run) for run in end_lengths], 0.0)
         first = disc or first
         patches = [
-            Patch(at=at, along=np.array([0.0, end]), across=across, rings=counts.rings)
+            Patch(at=at, along=np.array([0.0, end]), across=levels, rings=counts.rings)
             for at, end in ((self.wall.at, first), (self.wall.reversed_at, last))
             if end
         ]
-        rest = length - first - last
-        if rest > 1e-9 * length:
-            near = self.breaks[(self.breaks > first) & (self.breaks < length - last)]
-            breaks = np.concatenate([[first], near, [length - last]])
-            along = divided(breaks, max(1, round(counts.along * rest / length)))
-            patches.append(Patch(at=self.wall.at, along=along, across=across))
+        remaining_length = length - first - last
+        if remaining_length > 1e-9 * length:
+            inner_breaks = self.breaks[(self.breaks > first) & (self.breaks < length - last)]
+            breaks = np.concatenate([[first], inner_breaks, [length - last]])
+            positions = divide_breaks(
+                breaks, max(1, round(counts.along * remaining_length / length))
+            )
+            patches.append(Patch(at=self.wall.at, along=positions, across=levels))
         return patches
 
-    def _disc(self, counts: Counts, straight: float) -> float:
+    def _disc(self, counts: Counts, end_length: float) -> float:
         """Return the radius of the disc on the axis: as wide as its elements are long."""
         fitting = min(counts.around / 8 / counts.along, 0.35) * self.wall.length
-        return straight if straight < 1.5 * fitting else fitting
+        return end_length if end_length < 1.5 * fitting else fitting
 
     def places(self) -> Points:
         """Return points (r, z) by name."""
-        middle = self.wall.at(np.linspace(0, self.wall.length, 400), np.full(400, 0.5))
-        enclosed = float(np.sum((middle[1:, 0] + middle[:-1, 0]) / 2 * np.diff(middle[:, 1])))
+        centre_line = self.wall.at(np.linspace(0, self.wall.length, 400), np.full(400, 0.5))
+        enclosed_area = float(
+            np.sum((centre_line[1:, 0] + centre_line[:-1, 0]) / 2 * np.diff(centre_line[:, 1]))
+        )
         right, left = self.wall.right, self.wall.left
-        if abs(enclosed) < 1e-6 * self.wall.length**2:
+        if abs(enclosed_area) < 1e-6 * self.wall.length**2:
             lower, upper = sorted((left, right), key=_height)
             poles = {"top": _at(upper, 0.0), "bottom": _at(lower, 0.0)} if self.on_axis[0] else {}
             return poles | self._rim_and_side(upper)
-        outer = right if enclosed > 0 else left
+        outer = right if enclosed_area > 0 else left
         poles = {}
         for end, on_axis in zip((0, -1), self.on_axis, strict=True):
             if on_axis:
-                name = "top" if middle[end, 1] > middle[:, 1].mean() else "bottom"
+                name = "top" if centre_line[end, 1] > centre_line[:, 1].mean() else "bottom"
                 poles[name] = _at(outer, -end * self.wall.length)
         return poles | self._rim_and_side(outer)
 
@@ -390,8 +395,8 @@ class Spindle:
             r, z = self.side.at(v).T
             return np.stack([u * r, z], axis=-1)
 
-        levels = divided(self.breaks, counts.along)
-        return [Patch(at=at, along=_WHOLE, across=levels, rings=counts.through)]
+        levels = divide_breaks(self.breaks, counts.along)
+        return [Patch(at=at, along=_UNIT_INTERVAL, across=levels, rings=counts.through)]
 
     def places(self) -> Points:
         """Return points (r, z) by name."""
@@ -415,12 +420,12 @@ class Goblet:
     @property
     def _joints(self) -> tuple[float, float]:
         """Positions along foot and bowl where the side of the stem meets them."""
-        below = _reach(self.foot.wall.left, float(self.radii[0]), "foot")
-        return below, _reach(self.bowl.wall.right, float(self.radii[-1]), "bowl")
+        foot_joint = _reach(self.foot.wall.left, float(self.radii[0]), "foot")
+        return foot_joint, _reach(self.bowl.wall.right, float(self.radii[-1]), "bowl")
 
     def _side(self) -> MeridianCurve:
-        below, above = self._joints
-        heights = _at(self.foot.wall.left, below)[1], _at(self.bowl.wall.right, above)[1]
+        foot_joint, bowl_joint = self._joints
+        heights = _at(self.foot.wall.left, foot_joint)[1], _at(self.bowl.wall.right, bowl_joint)[1]
         knots = np.linspace(0, 1, len(self.radii))
         radius = PchipInterpolator(knots, self.radii)
         return MeridianCurve(
@@ -430,14 +435,14 @@ class Goblet:
 
     def contour(self) -> Contour:
         """Return the bounding curves, each with its start and end."""
-        (below, above), bowl, foot = self._joints, self.bowl.wall, self.foot.wall
+        (foot_joint, bowl_joint), bowl, foot = self._joints, self.bowl.wall, self.foot.wall
         axis = segment(_at(bowl.left, 0.0), _at(foot.right, 0.0))
         return [
             (foot.right, 0.0, foot.length),
             (foot.rim(), 0.0, 1.0),
-            (foot.left, foot.length, below),
+            (foot.left, foot.length, foot_joint),
             (self._side(), 0.0, 1.0),
-            (bowl.right, above, bowl.length),
+            (bowl.right, bowl_joint, bowl.length),
             (bowl.rim(), 0.0, 1.0),
             (bowl.left, bowl.length, 0.0),
             (axis, 0.0, 1.0),
@@ -445,31 +450,35 @@ class Goblet:
 
     def patches(self, counts: Counts) -> list[Patch]:
         """Return patches of bowl, foot and stem, elements about as long in all three."""
-        (below, above), step = self._joints, self.bowl.wall.length / counts.along
+        (foot_joint, bowl_joint), step = self._joints, self.bowl.wall.length / counts.along
         side = self._side()
-        height = float(np.diff(side.at(_WHOLE)[:, 1])[0])
+        height = float(np.diff(side.at(_UNIT_INTERVAL)[:, 1])[0])
         lengths = self.foot.wall.length, height / 2  # a slender stem bends in long waves
-        along = [max(4, round(length / step)) for length in lengths]
-        on_foot = replace(counts, along=along[0])
+        length_counts = [max(4, round(length / step)) for length in lengths]
+        on_foot = replace(counts, along=length_counts[0])
         stem = Patch(
             at=self._inside_stem(),
-            along=_WHOLE,
-            across=divided(side.knots, along[1]),
+            along=_UNIT_INTERVAL,
+            across=divide_breaks(side.knots, length_counts[1]),
             rings=counts.rings,
         )
-        return [*self.bowl.patches(counts, above), *self.foot.patches(on_foot, below), stem]
+        return [
+            *self.bowl.patches(counts, bowl_joint),
+            *self.foot.patches(on_foot, foot_joint),
+            stem,
+        ]
 
     def _inside_stem(self) -> Callable[[Array, Array], Array]:
         """Return the blend of foot, bowl, axis and side (a Coons patch)."""
-        (below, above), side = self._joints, self._side()
+        (foot_joint, bowl_joint), side = self._joints, self._side()
         top, bottom = self.bowl.wall.right, self.foot.wall.left
-        corners = _at(bottom, below), _at(top, above)
+        corners = _at(bottom, foot_joint), _at(top, bowl_joint)
 
         def at(u: Array, v: Array) -> Array:
             up, out = v[:, None], u[:, None]
-            flat = (1 - up) * bottom.at(u * below) + up * top.at(u * above)
-            straight = (1 - up) * corners[0] + up * corners[1]
-            return flat + out * (side.at(v) - straight)
+            flat = (1 - up) * bottom.at(u * foot_joint) + up * top.at(u * bowl_joint)
+            chord = (1 - up) * corners[0] + up * corners[1]
+            return flat + out * (side.at(v) - chord)
 
         return at
 
@@ -487,12 +496,12 @@ class Goblet:
 def _reach(curve: MeridianCurve, radius: float, name: str) -> float:
     """Return the first position where a curve from the axis reaches `radius`."""
     positions = np.linspace(0, curve.knots[-1], 1000)
-    beyond = curve.at(positions)[:, 0] >= radius
-    if not beyond.any() or radius <= 0:
+    is_beyond = curve.at(positions)[:, 0] >= radius
+    if not is_beyond.any() or radius <= 0:
         raise MeshError(
             f"the stem ends with a radius of {radius:g} m, the {name} reaches "
             f"{rounded(curve.at(positions)[:, 0].max(), 4)} m: give a radius between 0 and that"
         )
-    index = int(np.argmax(beyond))
+    index = int(np.argmax(is_beyond))
     bracket = positions[index - 1 : index + 1]
     return float(root_scalar(lambda s: _at(curve, s)[0] - radius, bracket=bracket).root)

@@ -10,6 +10,7 @@ import numpy as np
 
 from struck.errors import MeshError, OptionError, rounded
 from struck.model.arrays import Array, checked, numbers
+from struck.solids.lathe import LatheSolid
 from struck.solids.meridian import (
     Counts,
     Goblet,
@@ -18,7 +19,7 @@ from struck.solids.meridian import (
     check_contour,
     check_wall,
     outline,
-    revolved,
+    revolve,
     smooth_curve,
     smooth_wall,
     straight_curve,
@@ -28,7 +29,7 @@ from struck.solids.meridian import (
 from struck.solids.polygon_mesh import Pairs, as_points
 from struck.solids.resolution import (
     Sizes,
-    finer_around,
+    refine_round_counts,
     require_counts,
     require_length,
     require_round,
@@ -36,7 +37,6 @@ from struck.solids.resolution import (
     shell_counts,
     solid_counts,
 )
-from struck.solids.turned import Turned
 from struck.solids.volume_mesh import VolumeMesh
 
 Thickness = float | Sequence[float] | Array
@@ -45,7 +45,7 @@ Thickness = float | Sequence[float] | Array
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stem:
-    """A solid stem and the foot that it stands on, for a bowl that starts on the axis.
+    """A solid stem with a foot, for a bowl that starts on the axis.
 
     Parameters
     ----------
@@ -135,11 +135,11 @@ class Revolution:
         check_contour(outline(self._section.contour()))
 
     @property
-    def _section(self) -> Shell | Spindle | Turned | Goblet:
+    def _section(self) -> Shell | Spindle | LatheSolid | Goblet:
         if self.wall is None:
             if self.stem is not None:
                 raise OptionError("the body has a stem but no wall: give the wall of its bowl")
-            return _solid(np.array(self.profile), smooth=self.smooth)
+            return _make_solid(np.array(self.profile), smooth=self.smooth)
         shell = _shell(self.profile, self.wall, smooth=self.smooth)
         if self.stem is None:
             return shell
@@ -168,14 +168,16 @@ class Revolution:
 
     def volume_mesh(self, accuracy: str = "standard", finer: float = 1.0) -> VolumeMesh:
         """Return curved 20-node hexahedra, no pole; see `struck.solids.Block.volume_mesh`."""
-        begun = self.elements or self._counts(accuracy)
-        around, along, through = finer_around(begun, self._sizes, finer)
-        counts = Counts(around=around, along=along, through=through)
+        base_counts = self.elements or self._counts(accuracy)
+        around_count, along_count, through_count = refine_round_counts(
+            base_counts, self._sizes, finer
+        )
+        counts = Counts(around=around_count, along=along_count, through=through_count)
         section = self._section
-        if isinstance(section, Turned):
+        if isinstance(section, LatheSolid):
             nodes, elements = section.mesh(counts)
         else:
-            nodes, elements = revolved(section.patches(counts), around)
+            nodes, elements = revolve(section.patches(counts), around_count)
         return VolumeMesh(nodes=nodes, elements=elements, kind="hex20")
 
     @property
@@ -191,13 +193,19 @@ class Revolution:
         round_the_axis, length, wall = self._sizes
         radius = round_the_axis / (2 * np.pi)
         if self.wall is None:
-            around, along, through = solid_counts(length, radius, accuracy)
+            around_count, along_count, through_count = solid_counts(length, radius, accuracy)
             # What closes on the axis or undercuts is as wide as long, and stout.
-            around = max(around, 12) if isinstance(self._section, Turned) else around
+            around_count = (
+                max(around_count, 12) if isinstance(self._section, LatheSolid) else around_count
+            )
         else:
-            around, along, through = shell_counts(length, radius, wall, accuracy)
+            around_count, along_count, through_count = shell_counts(length, radius, wall, accuracy)
         # A profile given in detail is followed, one given in excess is not.
-        return around, max(along, min(len(self.profile) - 1, 2 * along)), through
+        return (
+            around_count,
+            max(along_count, min(len(self.profile) - 1, 2 * along_count)),
+            through_count,
+        )
 
 
 def _profile(name: str, values: Pairs) -> tuple[tuple[float, float], ...]:
@@ -217,16 +225,17 @@ def _profile(name: str, values: Pairs) -> tuple[tuple[float, float], ...]:
 
 def _thickness(name: str, value: Thickness, profile: Pairs) -> tuple[float, ...]:
     """Return the wall's thickness at each point."""
-    several = tuple(float(t) for t in np.atleast_1d(np.asarray(value, float)))
-    if len(several) == 1:
-        several *= len(profile)
-    if len(several) != len(profile):
+    thicknesses = tuple(float(t) for t in np.atleast_1d(np.asarray(value, float)))
+    if len(thicknesses) == 1:
+        thicknesses *= len(profile)
+    if len(thicknesses) != len(profile):
         raise OptionError(
-            f"{name} holds {len(several)} values for {len(profile)} points: give one, or one each"
+            f"{name} holds {len(thicknesses)} values for {len(profile)} points: give one, or one "
+            f"each"
         )
-    for thickness in several:
+    for thickness in thicknesses:
         require_length(name, thickness)
-    return several
+    return thicknesses
 
 
 def _require_start_on_axis(name: str, profile: Pairs) -> None:
@@ -238,22 +247,22 @@ def _require_start_on_axis(name: str, profile: Pairs) -> None:
 
 
 def _shell(profile: Pairs, thickness: Thickness, *, smooth: bool) -> Shell:
-    points, across = np.array(profile), np.array(thickness)
-    wall = (smooth_wall if smooth else straight_wall)(points, across)
+    points, thicknesses = np.array(profile), np.array(thickness)
+    wall = (smooth_wall if smooth else straight_wall)(points, thicknesses)
     check_wall(wall)
     breaks = wall.knots[[0, -1]] if smooth else wall.knots
     return Shell(wall=wall, breaks=breaks, on_axis=(points[0, 0] == 0, points[-1, 0] == 0))
 
 
-def _solid(points: Array, *, smooth: bool) -> Spindle | Turned:
+def _make_solid(points: Array, *, smooth: bool) -> Spindle | LatheSolid:
     side = (smooth_curve if smooth else straight_curve)(points)
     breaks = side.knots[[0, -1]] if smooth else side.knots
-    r, z = side.sampled(0.0, float(side.knots[-1])).T
+    r, z = side.sample(0.0, float(side.knots[-1])).T
     if r.min() > 1e-6 * r.max() and np.diff(z).min() > 0:
         return Spindle(side=side, breaks=breaks)
-    turned = Turned(side=side, breaks=breaks)
-    turned.check()
-    return turned
+    lathe_solid = LatheSolid(side=side, breaks=breaks)
+    lathe_solid.check()
+    return lathe_solid
 
 
 @checked
@@ -262,10 +271,12 @@ def bowl(*, radius: float = 0.1, height: float = 0.05, wall: float = 0.003) -> R
 
     Parameters
     ----------
-    radius, height : float
-        Of the mid-line at the rim, above the bottom, m.
+    radius : float
+        Radius of the mid-line at the rim, m. Default: 0.1.
+    height : float
+        Height of the mid-line at the rim, above its bottom, m. Default: 0.05.
     wall : float
-        m.
+        Thickness, m. Default: 0.003.
 
     Raises
     ------
@@ -335,7 +346,7 @@ _GLASS = np.array(
     ]
 )
 _FOOT = np.array([(0.0, 4.5), (0.5, 3.0), (0.9, 1.8)])  # flat below
-_STEM = (0.24, 0.12, 0.10, 0.12, 0.22)  # radii over the bowl's
+_STEM_RATIOS = (0.24, 0.12, 0.10, 0.12, 0.22)  # radii over the bowl's
 
 
 @checked
@@ -362,7 +373,7 @@ def wine_glass(*, height: float = 0.2, radius: float = 0.038, wall: float = 0.00
     r, z, thickness = (_GLASS * (radius, height, wall)).T
     foot_r, foot_thickness = (_FOOT * (radius, wall)).T
     stem = Stem(
-        radii=[share * radius for share in _STEM],
+        radii=[ratio * radius for ratio in _STEM_RATIOS],
         foot=np.stack([foot_r, foot_thickness / 2], axis=1).tolist(),
         foot_wall=foot_thickness.tolist(),
     )

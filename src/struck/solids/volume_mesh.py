@@ -11,10 +11,10 @@ import numpy as np
 from struck.errors import MeshError
 from struck.model.arrays import Array, Index, Mask, checked, numbers
 from struck.model.mesh import Mesh, indices
-from struck.solids.elements import ELEMENTS, PROMOTED, Element
+from struck.solids.elements import ELEMENTS, QUADRATIC_KINDS, Element
 
-FUNCTIONS_A_NODE = 3.0
-"""Functions of cubic displacements a node of their elements, about."""
+FUNCTIONS_PER_NODE = 3.0
+"""Approximate number of functions of cubic displacements per node of their elements."""
 
 
 @checked
@@ -39,7 +39,7 @@ class VolumeMesh:
     Raises
     ------
     MeshError
-        On an unknown kind, a wrong count of nodes an element, or indices out of range.
+        On an unknown kind, a wrong number of nodes per element, or indices out of range.
     """
 
     nodes: Array
@@ -58,10 +58,14 @@ class VolumeMesh:
             raise MeshError(f"elements of kind {self.kind!r} are unknown: use {sorted(ELEMENTS)}")
         if self.cubic and self.kind != "tet10":
             raise MeshError(f"displacements on {self.kind} are not cubic: only tet10 takes cubic=")
-        wanted = len(self.element.nodes)
-        if self.elements.ndim != 2 or self.elements.shape[1] != wanted or not len(self.elements):
+        node_count = len(self.element.nodes)
+        if (
+            self.elements.ndim != 2
+            or self.elements.shape[1] != node_count
+            or not len(self.elements)
+        ):
             raise MeshError(
-                f"{self.kind} elements have shape {self.elements.shape}, not (E, {wanted})"
+                f"{self.kind} elements have shape {self.elements.shape}, not (E, {node_count})"
             )
         if self.elements.min() < 0 or self.elements.max() >= len(self.nodes):
             raise MeshError(f"elements name nodes outside 0 to {len(self.nodes) - 1}")
@@ -74,7 +78,7 @@ class VolumeMesh:
     @property
     def functions(self) -> int:
         """Number of functions that its displacements are sums of, about."""
-        return round(len(self.nodes) * (FUNCTIONS_A_NODE if self.cubic else 1))
+        return round(len(self.nodes) * (FUNCTIONS_PER_NODE if self.cubic else 1))
 
     @property
     def corners(self) -> Index:
@@ -83,16 +87,16 @@ class VolumeMesh:
 
     def promoted(self) -> VolumeMesh:
         """Return the quadratic mesh on the same corners, with straight edges."""
-        if self.kind not in PROMOTED:
+        if self.kind not in QUADRATIC_KINDS:
             return self
-        kind = PROMOTED[self.kind]
+        kind = QUADRATIC_KINDS[self.kind]
         pairs = self.elements[:, np.array(ELEMENTS[kind].edges)]
-        edges, inverse = unique_rows(np.sort(pairs.reshape(-1, 2), axis=1))
-        middles = self.nodes[edges].mean(axis=1)
-        numbers = len(self.nodes) + inverse.reshape(len(self.elements), -1)
+        edges, edge_numbers = unique_rows(np.sort(pairs.reshape(-1, 2), axis=1))
+        midside_nodes = self.nodes[edges].mean(axis=1)
+        numbers = len(self.nodes) + edge_numbers.reshape(len(self.elements), -1)
         return replace(
             self,
-            nodes=np.vstack([self.nodes, middles]),
+            nodes=np.vstack([self.nodes, midside_nodes]),
             elements=np.hstack([self.elements, numbers]),
             kind=kind,
         )
@@ -102,8 +106,8 @@ class VolumeMesh:
         if not self.element.edges:
             return np.ones(len(self.elements), bool)
         pairs = self.nodes[self.elements[:, np.array(self.element.edges)]]
-        middles = self.nodes[self.elements[:, len(self.element.corners) :]]
-        bow = np.linalg.norm(middles - pairs.mean(axis=2), axis=2)
+        midside_nodes = self.nodes[self.elements[:, len(self.element.corners) :]]
+        bow = np.linalg.norm(midside_nodes - pairs.mean(axis=2), axis=2)
         length = np.linalg.norm(pairs[:, :, 1] - pairs[:, :, 0], axis=2)
         return np.asarray((bow <= 1e-10 * length).all(axis=1))
 
@@ -127,11 +131,11 @@ class VolumeMesh:
     def width(self) -> float:
         """Mean distance of the two corners of an element that are farthest apart, m."""
         pairs = np.array(list(combinations(range(len(self.element.corners)), 2))).T
-        widest = 0.0
+        total_width = 0.0
         for chunk in self.chunks():
             first, second = (self.nodes[self.corners[chunk][:, ends]] for ends in pairs)
-            widest += np.linalg.norm(first - second, axis=2).max(axis=1).sum()
-        return widest / len(self.elements)
+            total_width += np.linalg.norm(first - second, axis=2).max(axis=1).sum()
+        return total_width / len(self.elements)
 
     def chunks(self, size: int = 4096) -> Iterator[slice]:
         """Yield slices of at most `size` elements, to work on at a time."""
@@ -142,13 +146,11 @@ class VolumeMesh:
         """Return the sides that belong to one element only: arrays (S, nodes of a side)."""
         groups = []
         for corners in sorted({len(side) for side in self.element.sides}):
-            sides = [
-                _with_middles(self.element, s) for s in self.element.sides if len(s) == corners
-            ]
-            every = self.elements[:, np.array(sides)].reshape(-1, len(sides[0]))
-            keys = side_keys(every[:, :corners], len(self.nodes))
+            sides = [_side_nodes(self.element, s) for s in self.element.sides if len(s) == corners]
+            all_sides = self.elements[:, np.array(sides)].reshape(-1, len(sides[0]))
+            keys = side_keys(all_sides[:, :corners], len(self.nodes))
             _, first, counts = np.unique(keys, return_index=True, return_counts=True)
-            groups.append(every[first[counts == 1]])
+            groups.append(all_sides[first[counts == 1]])
         return groups
 
     def neighbours(self) -> Index:
@@ -159,42 +161,44 @@ class VolumeMesh:
             owners = np.repeat(np.arange(len(self.elements)), len(sides))
             keys = side_keys(self.elements[:, sides].reshape(-1, corners), len(self.nodes))
             order = np.argsort(keys, kind="stable")
-            same = keys[order][1:] == keys[order][:-1]
-            pairs.append(np.stack([owners[order][:-1][same], owners[order][1:][same]]))
+            is_shared = keys[order][1:] == keys[order][:-1]
+            pairs.append(np.stack([owners[order][:-1][is_shared], owners[order][1:][is_shared]]))
         return np.hstack(pairs).T
 
     def surface(self) -> tuple[Mesh, Index]:
         """Return the boundary as triangles through all its nodes, and the nodes' numbers (N,)."""
         sides = [sides for sides in self.boundary_sides() if len(sides)]
-        triangles = np.vstack([_triangles(each, self.nodes) for each in sides])
+        triangles = np.vstack([_triangles(group, self.nodes) for group in sides])
         numbers, faces = np.unique(triangles, return_inverse=True)
         return Mesh(points=self.nodes[numbers], faces=faces.reshape(-1, 3), up=self.up), numbers
 
 
 def side_keys(corners: Index, nodes: int) -> Index:
     """Return a number for each side (S,) that only sides with the same corners (S, c) share."""
-    # The three lowest corners tell a side, and three numbers below two million fit into one.
-    low, middle, high = np.sort(corners, axis=1)[:, :3].T
+    # The three lowest corners identify a side, and three numbers below two million fit into one.
+    low, mid, high = np.sort(corners, axis=1)[:, :3].T
     if nodes < 2**21:
-        return (low * nodes + middle) * nodes + high
-    _, pairs = unique_rows(np.stack([low, middle], axis=1))
+        return (low * nodes + mid) * nodes + high
+    _, pairs = unique_rows(np.stack([low, mid], axis=1))
     return unique_rows(np.stack([pairs, high], axis=1))[1]
 
 
 def unique_rows(pairs: Index) -> tuple[Index, Index]:
     """Return the distinct rows of integer `pairs` (P, 2) and where each row went."""
-    keys, inverse = np.unique(pairs[:, 0] * (pairs.max() + 1) + pairs[:, 1], return_inverse=True)
-    return np.stack(np.divmod(keys, pairs.max() + 1), axis=1), inverse
+    keys, positions = np.unique(pairs[:, 0] * (pairs.max() + 1) + pairs[:, 1], return_inverse=True)
+    return np.stack(np.divmod(keys, pairs.max() + 1), axis=1), positions
 
 
-def _with_middles(element: Element, side: tuple[int, ...]) -> tuple[int, ...]:
-    middles = {frozenset(edge): len(element.corners) + i for i, edge in enumerate(element.edges)}
-    around = zip(side, (*side[1:], side[0]), strict=True)
-    return side + tuple(middles[frozenset(edge)] for edge in around if element.edges)
+def _side_nodes(element: Element, side: tuple[int, ...]) -> tuple[int, ...]:
+    midside_nodes = {
+        frozenset(edge): len(element.corners) + i for i, edge in enumerate(element.edges)
+    }
+    side_edges = zip(side, (*side[1:], side[0]), strict=True)
+    return side + tuple(midside_nodes[frozenset(edge)] for edge in side_edges if element.edges)
 
 
 # Triangles that tile a side through its nodes, by the side's count of nodes (corners, then
-# middles); quadrilaterals are cut along their shorter diagonal.
+# midside nodes); quadrilaterals are cut along their shorter diagonal.
 _TILES = {
     3: [(0, 1, 2)],
     6: [(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)],
@@ -208,10 +212,12 @@ def _triangles(sides: Index, nodes: Array) -> Index:
         # Across a narrow strip of a bent side the longer one would run beneath the surface.
         ends = nodes[sides[:, -4:]]
         first, second = (np.linalg.norm(ends[:, i + 2] - ends[:, i], axis=1) for i in (0, 1))
-        turned = np.flatnonzero(second < (1 - 1e-9) * first)
+        rotated_sides = np.flatnonzero(second < (1 - 1e-9) * first)
         sides = sides.copy()
         for start in range(0, sides.shape[1], 4):
-            sides[turned, start : start + 4] = np.roll(sides[turned, start : start + 4], -1, axis=1)
+            sides[rotated_sides, start : start + 4] = np.roll(
+                sides[rotated_sides, start : start + 4], -1, axis=1
+            )
     return sides[:, np.array(_TILES[sides.shape[1]])].reshape(-1, 3)
 
 
@@ -222,25 +228,27 @@ def linear_tetrahedra(mesh: VolumeMesh) -> VolumeMesh:
     corners = mesh.corners
     if corners.shape[1] == 4:
         return _compact(mesh, mesh.nodes, corners)
-    middles = mesh.nodes[corners].mean(axis=1)
-    within = len(mesh.nodes) + np.arange(len(corners))
-    nodes, parts = [mesh.nodes, middles], []
+    centroids = mesh.nodes[corners].mean(axis=1)
+    centre_nodes = len(mesh.nodes) + np.arange(len(corners))
+    nodes, parts = [mesh.nodes, centroids], []
     start = len(mesh.nodes) + len(corners)
     for count in sorted({len(side) for side in mesh.element.sides}):
         sides = np.array([side for side in mesh.element.sides if len(side) == count])
-        every = corners[:, sides].reshape(-1, count)
+        all_sides = corners[:, sides].reshape(-1, count)
         _, first, number = np.unique(
-            np.sort(every, axis=1), axis=0, return_index=True, return_inverse=True
+            np.sort(all_sides, axis=1), axis=0, return_index=True, return_inverse=True
         )
-        nodes.append(mesh.nodes[every[first]].mean(axis=1))
+        nodes.append(mesh.nodes[all_sides[first]].mean(axis=1))
         hub = start + number.ravel()
         start += len(first)
-        ring = zip(every.T, np.roll(every, -1, axis=1).T, strict=True)
-        apex = np.repeat(within, len(sides))
+        ring = zip(all_sides.T, np.roll(all_sides, -1, axis=1).T, strict=True)
+        apex = np.repeat(centre_nodes, len(sides))
         parts += [np.stack([b, a, hub, apex], axis=1) for a, b in ring]
     return _compact(mesh, np.vstack(nodes), np.vstack(parts))
 
 
 def _compact(mesh: VolumeMesh, nodes: Array, elements: Index) -> VolumeMesh:
-    used, local = np.unique(elements, return_inverse=True)
-    return VolumeMesh(nodes=nodes[used], elements=local.reshape(-1, 4), kind="tet4", up=mesh.up)
+    used_nodes, local = np.unique(elements, return_inverse=True)
+    return VolumeMesh(
+        nodes=nodes[used_nodes], elements=local.reshape(-1, 4), kind="tet4", up=mesh.up
+    )

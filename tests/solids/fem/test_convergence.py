@@ -8,7 +8,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from struck import Mesh
 from struck.model.modes import Modes
-from struck.solids.fem.error_estimates import ALONE, nodes_needed, stated_errors, with_shape
+from struck.solids.fem.error_estimates import (
+    SINGLE_MESH_FACTOR,
+    add_shape_errors,
+    nodes_needed,
+    stated_errors,
+)
 from tests.physics.bodies import box
 
 Array = NDArray[np.float64]
@@ -37,7 +42,7 @@ def pair(error: float, *, ratio: float, share: float) -> tuple[Modes, Modes]:
     On one mesh, `share` of each error is told.
     """
     coarse = error * ratio ** (4 / 3)
-    told = ALONE * share
+    told = SINGLE_MESH_FACTOR * share
     return (
         modes(TRUE * (1 + error), told * error),
         modes(TRUE * (1 + coarse), told * coarse),
@@ -57,8 +62,8 @@ def test_errors_bound_the_true_ones_closely_whatever_share_one_mesh_tells(
 
 def test_a_defect_that_both_meshes_share_is_told() -> None:
     # One layer of elements in both: a tenth of the error goes, the rest stays.
-    fine = modes(TRUE * 1.0100, ALONE * 0.0100)
-    coarse = modes(TRUE * 1.0110, ALONE * 0.0110)
+    fine = modes(TRUE * 1.0100, SINGLE_MESH_FACTOR * 0.0100)
+    coarse = modes(TRUE * 1.0110, SINGLE_MESH_FACTOR * 0.0110)
     assert (stated_errors(fine, coarse, 1.44) >= 0.01).all()
 
 
@@ -74,8 +79,8 @@ def test_two_modes_within_their_errors_of_each_other_have_the_same_error() -> No
     """A mesh splits such a pair by chance; a mode farther away keeps its own error."""
     true = np.array([100.0, 210.0, 330.0, 330.01, 500.0])
     apart = np.array([1, 1, 1.7, 0.3, 1])
-    fine = modes(true * (1 + 1e-3 * apart), ALONE * 1e-3)
-    coarse = modes(true * (1 + 4e-3 * apart), ALONE * 4e-3)
+    fine = modes(true * (1 + 1e-3 * apart), SINGLE_MESH_FACTOR * 1e-3)
+    coarse = modes(true * (1 + 4e-3 * apart), SINGLE_MESH_FACTOR * 4e-3)
     stated = stated_errors(fine, coarse, 4 ** (1 / 3))
     assert stated[2] == stated[3] >= 1.7e-3
     assert stated[1] == stated[4] < stated[2]
@@ -102,8 +107,8 @@ def test_nothing_is_told_to_be_exact() -> None:
 
 def test_what_the_shape_misses_adds_in_squares() -> None:
     own = np.array([3e-3, 0.0])
-    assert with_shape(own, -8e-3 / 3) == pytest.approx([5e-3, 4e-3])
-    assert with_shape(own, 2e-3, layer=True) == pytest.approx([5e-3, 4e-3])
+    assert add_shape_errors(own, -8e-3 / 3) == pytest.approx([5e-3, 4e-3])
+    assert add_shape_errors(own, 2e-3, layer=True) == pytest.approx([5e-3, 4e-3])
 
 
 def test_nodes_follow_the_fourth_power_of_the_edges() -> None:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from struck.solids.lattice import Cells, Lattice, refined
+from struck.solids.lattice import Cells, Lattice, refine
 from tests.solids.shapes import dihedral_angles, face_counts, volumes
 
 Depths = Callable[[np.ndarray], np.ndarray]
@@ -35,7 +35,7 @@ BODIES = {"thin shell": thin_shell, "two balls": two_balls, "wedge": wedge}
 
 def lattice_of(depths: Depths, spacing: float) -> Cells:
     """Return all tetrahedra of a lattice over the box, whatever their depths."""
-    lattice = Lattice.over(BOX, spacing)
+    lattice = Lattice.cover(BOX, spacing)
     corners, centres = (
         np.full((*shape, 1), -1.0) for shape in (lattice.counts + 1, lattice.counts)
     )
@@ -48,7 +48,7 @@ def lattice_of(depths: Depths, spacing: float) -> Cells:
 def case(request: pytest.FixtureRequest) -> tuple[Cells, Cells, Depths]:
     depths = BODIES[request.param]
     before = lattice_of(depths, 0.4)
-    return before, refined(before, depths, shortest=0.06, most=2000), depths
+    return before, refine(before, depths, min_length=0.06, max_halvings=2000), depths
 
 
 def test_every_face_is_shared_by_two_or_lies_outside(case: tuple[Cells, Cells, Depths]) -> None:
@@ -91,14 +91,14 @@ def test_flat_surfaces_are_left_alone() -> None:
         return (points @ np.array([0.6, 0.0, 0.8]) - 0.123)[:, None]
 
     before = lattice_of(plane, 0.4)
-    assert refined(before, plane, shortest=0.01, most=10_000) is before
+    assert refine(before, plane, min_length=0.01, max_halvings=10_000) is before
 
 
 def test_most_and_shortest_are_kept() -> None:
     before = lattice_of(two_balls, 0.4)
-    none = refined(before, two_balls, shortest=0.04, most=0)
-    few = refined(before, two_balls, shortest=0.04, most=3)
-    long = refined(before, two_balls, shortest=0.25, most=1000)
+    none = refine(before, two_balls, min_length=0.04, max_halvings=0)
+    few = refine(before, two_balls, min_length=0.04, max_halvings=3)
+    long = refine(before, two_balls, min_length=0.25, max_halvings=1000)
     assert none is before
     assert long is before  # no edge is twice as long as 0.25
     assert len(before.points) < len(few.points) < len(before.points) + 200
@@ -107,7 +107,7 @@ def test_most_and_shortest_are_kept() -> None:
 def test_a_gap_narrower_than_the_lattice_is_found() -> None:
     gap = 0.1  # a quarter of the spacing
     before = lattice_of(two_balls, 0.4)
-    after = refined(before, two_balls, shortest=0.04, most=4000)
+    after = refine(before, two_balls, min_length=0.04, max_halvings=4000)
     middle = np.array([0.0, 0.0, 0.0])
     assert two_balls(middle[None])[0, 0] == pytest.approx(gap / 2)
     for cells, expected in ((before, True), (after, False)):

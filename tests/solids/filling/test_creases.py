@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from struck.solids.filling.filling import curved, flatness, shapes
+from struck.solids.filling.filling import curve_elements, flatness, shapes
 from struck.solids.lattice import Cells, cells_in
 from struck.solids.volume_mesh import VolumeMesh
 from tests.physics.bodies import distorted, grid
@@ -55,7 +55,7 @@ def cells_of(name: str, spacing: float) -> Cells:
 @pytest.mark.parametrize("name", list(SHAPES))
 def test_boundary_nodes_lie_on_the_surface(name: str) -> None:
     depths, onto, _, _ = SHAPES[name]
-    mesh, short = curved(cells_of(name, 0.012), onto)
+    mesh, short = curve_elements(cells_of(name, 0.012), onto)
     assert short == 0
     assert mesh.kind == "tet10"
     assert np.abs(depths(mesh.surface()[0].points)).max() < 1e-15
@@ -68,7 +68,7 @@ def test_volume_converges_faster_than_with_straight_sides(name: str) -> None:
     errors, straight = [], []
     for spacing in (0.016, 0.008):
         cells = cells_of(name, spacing)
-        mesh, _ = curved(cells, onto)
+        mesh, _ = curve_elements(cells, onto)
         linear = VolumeMesh(nodes=cells.points, elements=cells.tetrahedra, kind="tet4")
         errors.append(abs(mesh.volume() / exact - 1))
         straight.append(abs(linear.volume() / exact - 1))
@@ -85,7 +85,7 @@ def test_no_element_folds_wherever_nodes_are_sent(seed: int) -> None:
         return points + random.normal(scale=0.006, size=points.shape)
 
     cells = cells_of("ball", 0.012)
-    mesh, short = curved(cells, astray)
+    mesh, short = curve_elements(cells, astray)
     assert 0 < short < len(mesh.nodes)
     assert flatness(mesh).min() >= 0.02
     assert mesh.volume() == pytest.approx(4 / 3 * np.pi * RADIUS**3, rel=0.2)
@@ -93,7 +93,7 @@ def test_no_element_folds_wherever_nodes_are_sent(seed: int) -> None:
 
 def test_nodes_that_need_not_move_stay() -> None:
     cells = cells_of("ball", 0.012)
-    mesh, short = curved(cells, lambda _surface, points: points)
+    mesh, short = curve_elements(cells, lambda _surface, points: points)
     assert short == 0
     assert mesh.straight().all()
     assert np.array_equal(mesh.nodes[: len(cells.points)], cells.points)

@@ -33,7 +33,7 @@ def test_inside_and_outside_add_up(box: VolumeMesh, seed: int) -> None:
     depths = np.random.default_rng(seed).normal(size=len(box.nodes))
     # Some corners on the surface itself: every way to cut a tetrahedron occurs.
     depths[::4] = 0.0
-    inside, outside = (cells_of(box, sign * depths).within(0) for sign in (1, -1))
+    inside, outside = (cells_of(box, sign * depths).cut_at(0) for sign in (1, -1))
     flat = (depths[box.elements] == 0).all(axis=1)
     on_it = np.abs(volumes(box.nodes, box.elements[flat])).sum()
     assert volume(inside) + volume(outside) + on_it == pytest.approx(6.0, rel=1e-12)
@@ -42,7 +42,7 @@ def test_inside_and_outside_add_up(box: VolumeMesh, seed: int) -> None:
 
 @pytest.mark.parametrize("height", [0.4, 1.0, 1.5, 2.9])
 def test_a_level_cut_of_a_box_is_a_box(box: VolumeMesh, height: float) -> None:
-    cut = cells_of(box, box.nodes[:, 2] - height).within(0).compact()
+    cut = cells_of(box, box.nodes[:, 2] - height).cut_at(0).compact()
     assert volume(cut) == pytest.approx(2.0 * height, rel=1e-12)
     assert cut.points.max(axis=0) == pytest.approx([1.0, 2.0, height], abs=1e-12)
 
@@ -50,12 +50,12 @@ def test_a_level_cut_of_a_box_is_a_box(box: VolumeMesh, height: float) -> None:
 def test_a_corner_cut_off_is_a_pyramid(box: VolumeMesh) -> None:
     # x/a + y/b + z/c < 1 holds a volume of abc/6.
     depths = box.nodes @ (1 / np.array([0.8, 1.5, 2.2])) - 1
-    assert volume(cells_of(box, depths).within(0)) == pytest.approx(0.8 * 1.5 * 2.2 / 6, rel=1e-12)
+    assert volume(cells_of(box, depths).cut_at(0)) == pytest.approx(0.8 * 1.5 * 2.2 / 6, rel=1e-12)
 
 
 def test_two_cuts_leave_a_slab_thinner_than_the_elements(box: VolumeMesh) -> None:
     along = box.nodes @ np.array([0.6, 0.8, 0.0]) - 1.0
-    cells = cells_of(box, along - 0.005, -along - 0.005).within(0).within(1).compact()
+    cells = cells_of(box, along - 0.005, -along - 0.005).cut_at(0).cut_at(1).compact()
     # The line 0.6 x + 0.8 y = d crosses the rectangle from x = 0 to x = 1: 1 / 0.8 long.
     assert volume(cells) == pytest.approx(0.01 * (1 / 0.8) * 3.0, rel=1e-9)
     assert np.abs(cells.points @ np.array([0.6, 0.8, 0.0]) - 1.0).max() < 0.005 + 1e-12
@@ -67,7 +67,7 @@ def test_cut_neighbours_share_whole_faces(box: VolumeMesh, seed: int) -> None:
     random = np.random.default_rng(seed)
     depths = np.linalg.norm(box.nodes - [0.5, 1.0, 1.5], axis=1) - 0.45
     depths *= 1 + 0.1 * random.uniform(size=len(depths))
-    cut = cells_of(box, depths).within(0)
+    cut = cells_of(box, depths).cut_at(0)
     faces, counts = face_counts(cut.tetrahedra)
     assert set(counts) == {1, 2}
     outer = faces[counts == 1]
@@ -85,7 +85,7 @@ def test_crossings_lie_where_a_linear_function_vanishes(box: VolumeMesh) -> None
     assert found.points @ np.array([0.3, -0.5, 0.7]) == pytest.approx(0.4, abs=1e-12)
     assert (found.depths[:, 0] == 0).all()
     first, second = other[found.edges].T
-    assert found.depths[:, 1] == pytest.approx(first + found.share * (second - first))
+    assert found.depths[:, 1] == pytest.approx(first + found.fractions * (second - first))
 
 
 def test_each_edge_counts_once() -> None:

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from struck import Mesh
 from struck.solids import VolumeMesh
-from struck.solids.filling.filling import Features, curved, flatness
+from struck.solids.filling.filling import Features, curve_elements, flatness
 from struck.solids.lattice import cells_in
 from struck.solids.surface.distance import FilledBody
 from tests.physics.bodies import ball, box
@@ -25,7 +25,7 @@ def turned(mesh: Mesh) -> Mesh:
 def filled(mesh: Mesh, spacing: float, *, kept: bool) -> VolumeMesh:
     body = FilledBody(mesh=mesh)
     cells = cells_in(body.depths, body.bounds, spacing)
-    return curved(cells, body.onto, features=Features(mesh=mesh) if kept else None)[0]
+    return curve_elements(cells, body.onto, features=Features(mesh=mesh) if kept else None)[0]
 
 
 def rod(sections: int = 48) -> Mesh:

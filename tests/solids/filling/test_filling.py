@@ -17,12 +17,12 @@ from struck.solids.fem.cubic_surface import surface_of
 from struck.solids.filling.filling import (
     ACCURACIES,
     _require_cavity,
-    curved,
-    filled,
+    curve_elements,
+    fill_body,
     flatness,
     piece_count,
 )
-from struck.solids.lattice import cells_in, stuffed
+from struck.solids.lattice import cells_in, stuff_body
 from struck.solids.surface.closedness import is_closed, require_closed
 from struck.solids.surface.distance import FilledBody
 from struck.solids.volume_mesh import unique_rows
@@ -45,7 +45,7 @@ COSTLY = {"thin ball", "hollow bird"}
 def made(name: str) -> tuple[FilledBody, VolumeMesh]:
     mesh, wall = BODIES[name]
     body = FilledBody(mesh=mesh(), wall=wall)
-    return body, filled(body, "preview").mesh
+    return body, fill_body(body, "preview").mesh
 
 
 @pytest.fixture(
@@ -104,13 +104,13 @@ def test_volume_is_that_of_darts() -> None:
 
 
 def test_a_box_keeps_its_edges() -> None:
-    mesh = filled(FilledBody(mesh=box(0.1, 0.07, 0.05)), "preview").mesh
+    mesh = fill_body(FilledBody(mesh=box(0.1, 0.07, 0.05)), "preview").mesh
     assert mesh.volume() == pytest.approx(0.1 * 0.07 * 0.05, rel=1e-12)
 
 
 def test_tetrahedra_are_of_good_shape() -> None:
     body = FilledBody(mesh=ball(0.05, 4), wall=0.008)
-    mesh = stuffed(body.depths, body.bounds, 0.006)
+    mesh = stuff_body(body.depths, body.bounds, 0.006)
     corners = mesh.nodes[mesh.elements]
     normals = [
         np.cross(corners[:, b] - corners[:, a], corners[:, c] - corners[:, a])
@@ -126,7 +126,7 @@ def test_tetrahedra_are_of_good_shape() -> None:
 @pytest.mark.prove
 def test_a_thin_wall_gets_one_layer_and_a_thick_one_several() -> None:
     thin, thick = (
-        filled(FilledBody(mesh=ball(0.05, 4), wall=w), "standard") for w in (0.002, 0.02)
+        fill_body(FilledBody(mesh=ball(0.05, 4), wall=w), "standard") for w in (0.002, 0.02)
     )
     assert (thin.path, thick.path) == ("one layer", "stuffing")
     assert "the wall of 0.002 m is thinner than the lattice" in thin.reason
@@ -136,17 +136,17 @@ def test_a_thin_wall_gets_one_layer_and_a_thick_one_several() -> None:
 
 @pytest.mark.prove
 def test_a_smooth_body_has_about_the_nodes_asked_for() -> None:
-    most = ACCURACIES["preview"].most
+    most = ACCURACIES["preview"].max_nodes
     smooth = FilledBody(mesh=ball(0.05, 4), wall=0.002)
-    half, whole = (filled(smooth, "preview", nodes=n).mesh for n in (most // 2, 4 * most // 5))
+    half, whole = (fill_body(smooth, "preview", nodes=n).mesh for n in (most // 2, 4 * most // 5))
     assert len(half.nodes) < 0.7 * most < 0.9 * most < len(whole.nodes) <= most
 
 
 @pytest.mark.prove
 def test_nodes_that_creases_leave_go_into_a_finer_lattice() -> None:
-    most = ACCURACIES["preview"].most
+    most = ACCURACIES["preview"].max_nodes
     creased = FilledBody(mesh=cached_bird(), wall=0.0063)
-    finest = filled(creased, "preview", nodes=10 * most)
+    finest = fill_body(creased, "preview", nodes=10 * most)
     assert 0.8 * most < len(finest.mesh.nodes) <= most
 
 
@@ -164,7 +164,7 @@ def test_one_layer_follows_a_wall_of_a_sphere(wall: float, ratio: float) -> None
     cells = cells_in(
         (body := FilledBody(mesh=ball(radius, 5), wall=wall)).depths, body.bounds, ratio * wall
     )
-    mesh, short = curved(cells, body.onto, opposed=body.opposed)
+    mesh, short = curve_elements(cells, body.onto, opposed=body.opposed)
     assert short == 0
     assert piece_count(mesh) == 1
     exact = 4 / 3 * np.pi * (radius**3 - (radius - wall) ** 3)
@@ -183,7 +183,7 @@ def test_pieces_that_share_an_edge_count_apart() -> None:
 
 def test_a_wall_thicker_than_the_body_is_refused() -> None:
     with pytest.raises(MeshError, match=r"a wall of 0\.06 m leaves no cavity"):
-        filled(FilledBody(mesh=ball(0.05, 3), wall=0.06), "preview")
+        fill_body(FilledBody(mesh=ball(0.05, 3), wall=0.06), "preview")
     # The depth in the message is the wall's limit, however far beyond it a wall is.
     made = trimesh.creation.box((0.103, 0.06, 0.0437))
     long = Mesh(points=made.vertices, faces=made.faces)
@@ -200,7 +200,7 @@ def test_parts_too_thin_for_the_lattice_are_refused() -> None:
     inner.invert()
     both = trimesh.util.concatenate([outer, inner])
     with pytest.raises(MeshError, match="need more than 30000 nodes: use accuracy='standard', a "):
-        filled(FilledBody(mesh=Mesh(points=both.vertices, faces=both.faces)), "preview")
+        fill_body(FilledBody(mesh=Mesh(points=both.vertices, faces=both.faces)), "preview")
 
 
 def test_a_wire_that_passes_between_points_of_the_lattice_is_refused_with_a_way_out() -> None:
@@ -209,12 +209,12 @@ def test_a_wire_that_passes_between_points_of_the_lattice_is_refused_with_a_way_
         r"pieces on a lattice of 0\.0088\d* m: use accuracy='standard', .* solid of struck\.solids"
     )
     with pytest.raises(MeshError, match=way):
-        filled(FilledBody(mesh=Mesh(points=ring.vertices, faces=ring.faces)), "preview")
+        fill_body(FilledBody(mesh=Mesh(points=ring.vertices, faces=ring.faces)), "preview")
 
 
 def test_an_unknown_accuracy_is_refused() -> None:
     with pytest.raises(OptionError, match="preview, standard, fine"):
-        filled(FilledBody(mesh=ball(0.05, 3)), "superb")
+        fill_body(FilledBody(mesh=ball(0.05, 3)), "superb")
 
 
 def test_unique_rows_are_numpys() -> None:

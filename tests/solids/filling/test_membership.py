@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from struck.errors import MeshError
 from struck.model.mesh import Mesh
-from struck.solids.filling.filling import filled, flatness, piece_count
-from struck.solids.filling.membership import mended
+from struck.solids.filling.filling import fill_body, flatness, piece_count
+from struck.solids.filling.membership import undo_needless_cuts
 from struck.solids.filling.thin_walls import Segments, SheetedBody, ThinBody
 from struck.solids.lattice import cells_in
 from struck.solids.surface.distance import FilledBody
@@ -61,7 +61,7 @@ def test_walls_that_meet_are_filled_to_their_corners(name: str, seed: int | None
     """Volume and surface are those of the body, as manifold3d cut it: no gap, no cut inside."""
     mesh = BODIES[name]()
     mesh = mesh if seed is None else somehow_turned(mesh, seed)
-    filling = filled(FilledBody(mesh=mesh), "preview")
+    filling = fill_body(FilledBody(mesh=mesh), "preview")
     assert filling.path == "one layer"
     assert piece_count(filling.mesh) == 1
     assert flatness(filling.mesh).min() > 0
@@ -73,7 +73,7 @@ def test_walls_that_meet_are_filled_to_their_corners(name: str, seed: int | None
 def test_a_sound_hole_cuts_the_top_alone() -> None:
     """What carries its rim on would cut the back as well, which is less than two cells away."""
     mesh = everyday.guitar_box()
-    filling = filled(FilledBody(mesh=mesh), "standard")
+    filling = fill_body(FilledBody(mesh=mesh), "standard")
     middles = filling.mesh.nodes[filling.mesh.corners].mean(axis=1)
     rule = filling.mesh.element.mass_rule
     volumes = np.linalg.det(filling.mesh.jacobians(rule.points)) @ rule.weights
@@ -94,9 +94,9 @@ def test_sheets_are_joined_where_walls_meet_inside() -> None:
 
 @pytest.mark.prove
 def test_walls_that_take_too_many_functions_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("struck.solids.filling.filling._MOST_FUNCTIONS", 5_000)
+    monkeypatch.setattr("struck.solids.filling.filling._MAX_FUNCTIONS", 5_000)
     with pytest.raises(MeshError, match=r"walls cross so closely that they take \d+ functions on"):
-        filled(FilledBody(mesh=everyday.hollow_cube()), "preview")
+        fill_body(FilledBody(mesh=everyday.hollow_cube()), "preview")
 
 
 def test_facets_that_a_floor_passes_are_no_rims() -> None:
@@ -110,8 +110,8 @@ def test_needless_cuts_are_undone() -> None:
     """The same space is filled with far fewer tetrahedra, each turned as it should be."""
     body = ThinBody(solid=FilledBody(mesh=everyday.table())).at(0.157)
     assert isinstance(body, SheetedBody)
-    cut = cells_in(body.depths, body.bounds, 0.157, halved=1000, judge=body.judge)
-    whole = mended(cut)
+    cut = cells_in(body.depths, body.bounds, 0.157, max_halvings=1000, judge=body.judge)
+    whole = undo_needless_cuts(cut)
     before, after = (
         VolumeMesh(nodes=each.points, elements=each.tetrahedra, kind="tet4")
         for each in (cut, whole)

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from struck.model.mesh import Mesh, Surface
-from struck.solids.filling.filling import filled
+from struck.solids.filling.filling import fill_body
 from struck.solids.filling.thin_walls import (
     Segments,
     SheetedBody,
@@ -68,8 +68,8 @@ def test_balls_tell_how_thick_a_body_is() -> None:
 def test_a_plate_is_six_segments_and_neighbours_are_different_sheets() -> None:
     segments = Segments.of(box(*PLATE), 0.02)
     assert len(segments.areas) == 6
-    sheets = segments.coloured()
-    assert (sheets[segments.apart[:, 0]] != sheets[segments.apart[:, 1]]).all()
+    sheets = segments.colour()
+    assert (sheets[segments.disjoint[:, 0]] != sheets[segments.disjoint[:, 1]]).all()
     wide = np.argsort(-segments.areas)[:2]
     assert sheets[wide[0]] != sheets[wide[1]]
 
@@ -81,7 +81,7 @@ def test_faces_that_meet_in_a_concave_edge_are_joined_and_different_sheets(
     segments = Segments.of(BODIES[name](), 0.05)
     joined = np.unique(np.sort(segments.joined, axis=1), axis=0)
     assert len(joined) == pairs
-    sheets = segments.coloured()
+    sheets = segments.colour()
     assert (sheets[joined[:, 0]] != sheets[joined[:, 1]]).all()
     inner = np.isin(np.arange(len(sheets)), joined)
     assert not set(sheets[inner]) & set(sheets[~inner])
@@ -155,7 +155,7 @@ def test_a_point_is_in_the_body_where_it_is_behind_all_sheets_that_are_not_joine
 @pytest.mark.parametrize("name", ["plate", "crate", "beaker"])
 def test_few_elements_follow_a_thin_body(name: str) -> None:
     mesh = BODIES[name]()
-    filling = filled(FilledBody(mesh=mesh), "preview")
+    filling = fill_body(FilledBody(mesh=mesh), "preview")
     assert filling.path == "one layer"
     assert filling.mesh.cubic
     assert filling.mesh.functions <= 30_000

@@ -15,7 +15,7 @@ from struck.files.meshes import load_body
 from struck.model.material import Material
 from struck.model.mesh import Mesh
 from struck.solids.fem.vibration import vibration_modes
-from struck.solids.filling.filling import filled
+from struck.solids.filling.filling import fill_body
 from struck.solids.surface.distance import FilledBody
 from tests.solids.surface.dirty_bodies import CLEAN, VERSIONS
 
@@ -27,7 +27,7 @@ REFUSED = {("cube", "lidless"), ("cylinder", "lidless")}
 
 def frequencies(mesh: Mesh, highest: float) -> NDArray[np.float64]:
     """Return the frequencies of a body of steel, Hz."""
-    elements = filled(FilledBody(mesh=mesh), "preview").mesh.promoted()
+    elements = fill_body(FilledBody(mesh=mesh), "preview").mesh.promoted()
     return vibration_modes(elements, Material.named("steel"), highest).frequencies
 
 

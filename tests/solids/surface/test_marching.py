@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from struck.model.mesh import Mesh
 from struck.solids.lattice import Lattice
-from struck.solids.surface.closedness import INSIDE, winding
-from struck.solids.surface.rebuilding import inside, isosurface
+from struck.solids.surface.closedness import INSIDE_WINDING, winding
+from struck.solids.surface.rebuilding import find_inside, isosurface
 
 BOX = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
 
@@ -28,7 +28,7 @@ def every_point(lattice: Lattice) -> NDArray[np.float64]:
 @pytest.mark.parametrize("moved", [True, False])
 def test_surface_of_a_ball(*, moved: bool) -> None:
     """Closed, turned outward, of one piece without handles, and its points on the ball."""
-    lattice = Lattice.over(BOX, 0.1)
+    lattice = Lattice.cover(BOX, 0.1)
     within = heights(every_point(lattice)) < 0
     found = isosurface(lattice, within, lambda p: np.abs(heights(p)), moved=moved)
     assert found is not None
@@ -42,7 +42,7 @@ def test_surface_of_a_ball(*, moved: bool) -> None:
 
 def test_moved_points_leave_no_needles() -> None:
     """Labelle & Shewchuk's bound on dihedral angles keeps triangles above some 10 degrees."""
-    lattice = Lattice.over(BOX, 0.1)
+    lattice = Lattice.cover(BOX, 0.1)
     within = heights(every_point(lattice)) < 0
     found = isosurface(lattice, within, lambda p: np.abs(heights(p)))
     assert found is not None
@@ -52,7 +52,7 @@ def test_moved_points_leave_no_needles() -> None:
 
 def test_unmoved_surface_is_closed_for_any_signs() -> None:
     """Random signs meet in edges and corners everywhere."""
-    lattice = Lattice.over(BOX, 0.25)
+    lattice = Lattice.cover(BOX, 0.25)
     points = every_point(lattice)
     deep = np.abs(points).max(axis=1) < 1.1
     within = deep & (np.random.default_rng(1).random(len(points)) < 0.4)
@@ -64,7 +64,7 @@ def test_unmoved_surface_is_closed_for_any_signs() -> None:
 
 
 def test_nothing_inside() -> None:
-    lattice = Lattice.over(BOX, 0.5)
+    lattice = Lattice.cover(BOX, 0.5)
     none = np.zeros(len(every_point(lattice)), bool)
     assert isosurface(lattice, none, lambda p: np.abs(heights(p))) is None
 
@@ -83,8 +83,8 @@ def test_inside_is_where_the_surface_winds(seed: int, *, rims: bool) -> None:
     all_of_them = trimesh.util.concatenate(bodies)
     faces = all_of_them.faces[rng.random(len(all_of_them.faces)) < 0.9 if rims else slice(None)]
     mesh = Mesh(points=all_of_them.vertices, faces=faces)
-    lattice = Lattice.over(mesh.bounds, 0.06)
+    lattice = Lattice.cover(mesh.bounds, 0.06)
     expected = winding(mesh, every_point(lattice))
-    clear = np.abs(expected - INSIDE) > 0.05
-    assert 0.05 < np.mean(expected > INSIDE) < 0.95
-    assert np.array_equal(inside(mesh, lattice)[clear], (expected > INSIDE)[clear])
+    clear = np.abs(expected - INSIDE_WINDING) > 0.05
+    assert 0.05 < np.mean(expected > INSIDE_WINDING) < 0.95
+    assert np.array_equal(find_inside(mesh, lattice)[clear], (expected > INSIDE_WINDING)[clear])

@@ -14,8 +14,8 @@ from struck.errors import MeshError
 from struck.model.mesh import Mesh
 from struck.model.mesh_topology import edges_of, submesh
 from struck.solids.surface.closedness import require_closed
-from struck.solids.surface.repair import Repair, repaired
-from struck.solids.surface.welding import closed, loops
+from struck.solids.surface.repair import Repair, repair_mesh
+from struck.solids.surface.welding import close_openings, loops
 
 
 def mesh(*bodies: trimesh.Trimesh) -> Mesh:
@@ -44,7 +44,7 @@ def inverted(body: trimesh.Trimesh) -> trimesh.Trimesh:
 
 def closed_repair(surface: Mesh, **options: float) -> Repair:
     """Repair, and check that trimesh finds the result watertight and turned outward."""
-    result = repaired(surface, **options)
+    result = repair_mesh(surface, **options)
     judge = trimesh.Trimesh(result.mesh.points, result.mesh.faces, process=False)
     assert judge.is_watertight
     assert judge.is_winding_consistent
@@ -59,9 +59,9 @@ def closed_repair(surface: Mesh, **options: float) -> Repair:
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 100.0])
 def test_clean_body_is_returned_itself(scale: float) -> None:
     hollow = mesh(ball(scale), inverted(ball(0.5 * scale)))
-    result = repaired(hollow)
+    result = repair_mesh(hollow)
     assert result.mesh is hollow
-    assert result.found == result.changed == ()
+    assert result.faults == result.changes == ()
     assert result.volume_before == result.volume_after == pytest.approx(hollow.volume)
 
 
@@ -73,8 +73,8 @@ def test_one_face_missing_of_a_ball(scale: float) -> None:
     whole = mesh(ball(scale))
     result = closed_repair(Mesh(points=whole.points, faces=whole.faces[1:]))
     assert result.volume_after == pytest.approx(whole.volume, rel=1e-12)
-    assert result.found == ("1 hole in the surface.",)
-    assert "1 hole filled (0.0" in result.changed[0]
+    assert result.faults == ("1 hole in the surface.",)
+    assert "1 hole filled (0.0" in result.changes[0]
 
 
 def test_flat_hole_of_a_cube_is_filled_flat() -> None:
@@ -104,7 +104,7 @@ def test_flipped_faces_are_turned(seed: int) -> None:
     chosen = np.random.default_rng(seed).random(len(whole.faces)) < 0.4
     faces = np.where(chosen[:, None], whole.faces[:, ::-1], whole.faces)
     result = closed_repair(Mesh(points=whole.vertices, faces=faces))
-    assert f"{chosen.sum()} faces of 1280 flipped" in result.found[0]
+    assert f"{chosen.sum()} faces of 1280 flipped" in result.faults[0]
     assert result.volume_after == pytest.approx(whole.volume, rel=1e-12)
 
 
@@ -117,7 +117,7 @@ def test_both_sides_of_every_face() -> None:
 
 def test_inside_out_with_its_cavity() -> None:
     result = closed_repair(mesh(inverted(ball()), ball(0.5)))
-    assert result.found == ("1 piece inside out.",)
+    assert result.faults == ("1 piece inside out.",)
     assert result.volume_after == pytest.approx(ball().volume - ball(0.5).volume, rel=1e-12)
     assert result.volume_before == pytest.approx(-result.volume_after, rel=1e-12)
 
@@ -147,7 +147,7 @@ def test_fin_and_inner_wall_go() -> None:
 
 def test_outward_shell_within_the_material_vanishes() -> None:
     result = closed_repair(mesh(ball(), ball(0.5)))
-    assert "1 shell within the material." in result.found
+    assert "1 shell within the material." in result.faults
     assert result.volume_after == pytest.approx(ball().volume, rel=1e-12)
 
 
@@ -155,12 +155,12 @@ def test_cavity_and_shell_within_it() -> None:
     """Air from 0.8 to 0.4, then a loose ball."""
     result = closed_repair(mesh(ball(), inverted(ball(0.8)), ball(0.4)))
     assert result.volume_after == pytest.approx(ball().volume - ball(0.8).volume, rel=1e-12)
-    assert "2 separate bodies." in result.found
+    assert "2 separate bodies." in result.faults
 
 
 def test_of_an_inner_shell_both_volumes_are_told() -> None:
     result = closed_repair(mesh(ball(), ball(0.8)))
-    told = re.search(r"volume (\S+); turned inward they would leave (\S+)\)", result.changed[0])
+    told = re.search(r"volume (\S+); turned inward they would leave (\S+)\)", result.changes[0])
     assert told is not None
     solid, hollow = map(float, told.groups())
     assert solid == pytest.approx(ball().volume, rel=5e-3)
@@ -171,8 +171,8 @@ def test_largest_body_is_kept_and_debris_dropped() -> None:
     crumbs = [ball(0.05, at=(3 + i, 0, 0), fine=1) for i in range(4)]
     result = closed_repair(mesh(*crumbs, ball(0.5, at=(-3, 0, 0)), ball()))
     assert result.volume_after == pytest.approx(ball().volume, rel=1e-12)
-    assert "4 crumbs beside the body, below 1 % of its volume." in result.found
-    assert any("1 other, up to 12 % of its volume" in change for change in result.changed)
+    assert "4 crumbs beside the body, below 1 % of its volume." in result.faults
+    assert any("1 other, up to 12 % of its volume" in change for change in result.changes)
 
 
 def test_two_blocks_on_one_edge_are_two_bodies() -> None:
@@ -198,7 +198,7 @@ def test_two_balls_that_overlap(scale: float) -> None:
     pair = mesh(ball(scale, fine=4), inverted(ball(scale, at=(distance, 0, 0), fine=4)))
     result = closed_repair(pair)
     assert result.volume_after == pytest.approx(lens(scale, distance), rel=0.005)
-    assert result.changed[-1] == "United, each part as it is."
+    assert result.changes[-1] == "United, each part as it is."
 
 
 @pytest.mark.prove
@@ -213,7 +213,7 @@ def test_two_balls_bridged_where_they_overlap_cross_as_one_surface_and_are_rebui
     points = np.vstack([first.vertices, second.vertices])
     result = closed_repair(mesh(trimesh.Trimesh(points, np.vstack(faces), process=False)))
     assert result.volume_after == pytest.approx(lens(1.0, 1.3), rel=0.005)
-    assert "rebuilt on a lattice of" in result.changed[-1]
+    assert "rebuilt on a lattice of" in result.changes[-1]
 
 
 @cache
@@ -226,7 +226,7 @@ def test_rod_pushed_through_a_block() -> None:
     result = pushed_through(1.0)
     assert result.volume_after == pytest.approx(1.24e-9, rel=1e-9)
     assert result.mesh.extent == pytest.approx(3e-3, rel=1e-9)
-    assert result.changed[-1] == "United, each part as it is."
+    assert result.changes[-1] == "United, each part as it is."
 
 
 def test_touching_blocks_are_one_body() -> None:
@@ -278,7 +278,7 @@ def test_panels_with_gaps_between_them() -> None:
     panels.merge_vertices()
     result = closed_repair(mesh(panels))
     assert result.volume_after == pytest.approx(1, rel=0.02)
-    assert "6 patches of the surface do not meet." in result.found
+    assert "6 patches of the surface do not meet." in result.faults
 
 
 # What no repair can answer
@@ -291,7 +291,7 @@ def dome() -> Mesh:
 
 def test_open_sheet_without_a_wall() -> None:
     with pytest.raises(MeshError, match=r"open sheet: .* 3\d % of its area.*give wall=") as caught:
-        repaired(dome())
+        repair_mesh(dome())
     assert "\n" not in str(caught.value)
 
 
@@ -299,7 +299,7 @@ def test_open_sheet_with_a_wall() -> None:
     surface = dome()
     flipped = np.arange(len(surface.faces)) % 5 == 0
     faces = np.where(flipped[:, None], surface.faces[:, ::-1], surface.faces)
-    result = repaired(Mesh(points=surface.points, faces=faces), wall=0.05)
+    result = repair_mesh(Mesh(points=surface.points, faces=faces), wall=0.05)
     assert result.sheet
     edges = edges_of(result.mesh.faces)
     assert not edges.balance[edges.shared].any()
@@ -308,9 +308,9 @@ def test_open_sheet_with_a_wall() -> None:
 
 def test_single_plane_takes_a_wall() -> None:
     plane = box(1, 1, 1).submesh([[0]], append=True)
-    assert repaired(mesh(plane), wall=0.01).sheet
+    assert repair_mesh(mesh(plane), wall=0.01).sheet
     with pytest.raises(MeshError, match="give wall="):
-        repaired(mesh(plane))
+        repair_mesh(mesh(plane))
 
 
 def test_faces_back_to_back_enclose_nothing() -> None:
@@ -319,7 +319,7 @@ def test_faces_back_to_back_enclose_nothing() -> None:
     points = np.vstack([surface.points, surface.points])
     twice = Mesh(points=points, faces=np.vstack([surface.faces, back]))
     with pytest.raises(MeshError):
-        repaired(twice)
+        repair_mesh(twice)
 
 
 def test_klein_bottle() -> None:
@@ -339,7 +339,7 @@ def test_klein_bottle() -> None:
     c, d = vertex(rows + 1, columns + 1), vertex(rows, columns + 1)
     faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
     with pytest.raises(MeshError, match="one-sided"):
-        repaired(Mesh(points=points, faces=faces))
+        repair_mesh(Mesh(points=points, faces=faces))
 
 
 @pytest.mark.prove
@@ -363,7 +363,7 @@ def test_corner_far_away_ends_in_one_error() -> None:
     points = np.array(pair.points)
     points[0, 0] = 1e30
     with pytest.raises(MeshError) as caught:
-        repaired(Mesh(points=points, faces=pair.faces))
+        repair_mesh(Mesh(points=points, faces=pair.faces))
     assert "\n" not in str(caught.value)
 
 
@@ -372,21 +372,21 @@ def test_thousands_of_faces_through_each_other_are_refused_soon() -> None:
     whole = ball(fine=5)
     points = np.random.default_rng(1).random(whole.vertices.shape)
     with pytest.raises(MeshError, match=r"too damaged: .* lies across \d+ others"):
-        repaired(Mesh(points=points, faces=whole.faces))
+        repair_mesh(Mesh(points=points, faces=whole.faces))
 
 
 def test_faces_that_name_a_vertex_twice() -> None:
     """Of 200 points at random, so that vertices repeat within faces."""
     faces = np.random.default_rng(1).integers(0, 200, (300, 3))
     with pytest.raises(MeshError):
-        repaired(Mesh(points=ball(fine=3).vertices, faces=faces))
+        repair_mesh(Mesh(points=ball(fine=3).vertices, faces=faces))
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.prove)])
 def test_random_triangles_end_in_one_error(seed: int) -> None:
     points = np.random.default_rng(seed).random((150, 3))
     with pytest.raises(MeshError) as caught:
-        repaired(Mesh(points=points, faces=np.arange(150).reshape(-1, 3)))
+        repair_mesh(Mesh(points=points, faces=np.arange(150).reshape(-1, 3)))
     assert "\n" not in str(caught.value)
 
 
@@ -399,7 +399,7 @@ def test_fill_of_a_random_subset_of_faces_closes_it(seed: int) -> None:
     whole = ball(fine=2)
     chosen = np.random.default_rng(seed).random(len(whole.faces)) < 0.5
     part = Mesh(points=whole.vertices, faces=whole.faces[chosen])
-    filled = closed(part)
+    filled = close_openings(part)
     assert not edges_of(filled.mesh.faces).balance.any()
     assert sum(map(len, filled.rims)) == np.count_nonzero(edges_of(part.faces).balance)
 
@@ -413,11 +413,11 @@ def test_loops_of_a_tube() -> None:
 
 
 def test_more_faces_than_are_repaired_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("struck.solids.surface.repair.MOST_FACES", 1000)
+    monkeypatch.setattr("struck.solids.surface.repair.MAX_FACES", 1000)
     whole = mesh(trimesh.creation.icosphere(subdivisions=4))
-    assert not repaired(whole).found  # one without damage may have any number
+    assert not repair_mesh(whole).faults  # one without damage may have any number
     with pytest.raises(MeshError, match=r"damaged and has 5,119 faces, and at most 1,000 are.*dec"):
-        repaired(Mesh(points=whole.points, faces=whole.faces[1:]))
+        repair_mesh(Mesh(points=whole.points, faces=whole.faces[1:]))
 
 
 def opened(tool: manifold3d.Manifold) -> Mesh:
@@ -441,13 +441,13 @@ def test_holes_that_are_meant_stay_where_there_is_a_wall(
     tool: manifold3d.Manifold, area: float
 ) -> None:
     box = opened(tool.translate((0.03, 0, 0.05)))
-    found = repaired(box, wall=0.003)
+    found = repair_mesh(box, wall=0.003)
     assert found.sheet
     assert found.volume_after == pytest.approx(0.003 * (BOX_AREA - area), rel=1e-5)
-    assert "1 opening up to 0.0" in " ".join(found.found)
-    assert "holes='fill' closes them" in " ".join(found.changed)
+    assert "1 opening up to 0.0" in " ".join(found.faults)
+    assert "holes='fill' closes them" in " ".join(found.changes)
     for options in ({}, {"wall": 0.003, "holes": "fill"}):
-        closed_box = repaired(box, **options)
+        closed_box = repair_mesh(box, **options)
         assert not closed_box.sheet
         assert closed_box.mesh.volume == pytest.approx(0.012, rel=1e-5)
 
@@ -458,8 +458,8 @@ def test_ragged_holes_are_filled_and_kept_when_asked_for() -> None:
     chance = np.random.default_rng(0).random(len(near))
     rest = np.flatnonzero(~((near < 0.009) | ((near < 0.012) & (chance < 0.6))))
     scan = submesh(Mesh(points=ball.vertices, faces=ball.faces), rest)
-    assert not repaired(scan, wall=0.003).sheet
-    assert repaired(scan, wall=0.003, holes="keep").sheet
+    assert not repair_mesh(scan, wall=0.003).sheet
+    assert repair_mesh(scan, wall=0.003, holes="keep").sheet
 
 
 def test_a_tube_of_a_sheet_loses_no_rim_but_by_name() -> None:
@@ -467,7 +467,7 @@ def test_a_tube_of_a_sheet_loses_no_rim_but_by_name() -> None:
     plate = opened(SOUND_HOLE.translate((0.03, 0, 0.05)))
     top = submesh(plate, np.flatnonzero(plate.centroids[:, 2] > 0.049))
     area = top.areas.sum()
-    assert repaired(top, wall=0.003).volume_after == pytest.approx(0.003 * area)
-    filled = repaired(top, wall=0.003, holes="fill")
+    assert repair_mesh(top, wall=0.003).volume_after == pytest.approx(0.003 * area)
+    filled = repair_mesh(top, wall=0.003, holes="fill")
     assert filled.volume_after == pytest.approx(0.003 * 0.4 * 0.3, rel=1e-5)
-    assert "1 hole filled: holes='keep' leaves all open." in filled.changed
+    assert "1 hole filled: holes='keep' leaves all open." in filled.changes

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from struck.model.mesh import Mesh
-from struck.solids.filling.filling import filled
+from struck.solids.filling.filling import fill_body
 from struck.solids.surface.distance import FilledBody
-from struck.solids.surface.repair import Repair, repaired
+from struck.solids.surface.repair import Repair, repair_mesh
 
 ALONG = 10  # quadrilaterals along each side of a patch
 SAMPLES = 100_000
@@ -34,7 +34,7 @@ def teapot() -> Mesh:
 
 @pytest.fixture(scope="module")
 def solid() -> Repair:
-    return repaired(teapot())
+    return repair_mesh(teapot())
 
 
 def test_its_volume_is_where_the_winding_number_exceeds_one_half(solid: Repair) -> None:
@@ -44,11 +44,11 @@ def test_its_volume_is_where_the_winding_number_exceeds_one_half(solid: Repair) 
     winding = igl.fast_winding_number(given.points, given.faces, places)
     volume = np.mean(winding > 0.5) * np.prod(high - low)
     assert solid.mesh.volume == pytest.approx(volume, rel=0.01)
-    assert "4 patches" in solid.found[-1]
+    assert "4 patches" in solid.faults[-1]
 
 
 def test_handle_spout_and_lid_stay(solid: Repair) -> None:
-    filling = filled(FilledBody(mesh=solid.mesh), "preview")
+    filling = fill_body(FilledBody(mesh=solid.mesh), "preview")
     assert filling.volume_error == pytest.approx(0, abs=0.005)
     reach = np.abs(filling.mesh.surface()[0].bounds - solid.mesh.bounds).max()
     assert reach < 0.001

@@ -20,7 +20,7 @@ from scipy import sparse
 from struck.errors import MeshError
 from struck.model.arrays import Array, Complex, Index, Mask
 from struck.model.material import Material
-from struck.solids.elements import ELEMENTS, PROMOTED, TET_14, TET_24, Quadrature
+from struck.solids.elements import ELEMENTS, QUADRATIC_KINDS, TET_14, TET_24, Quadrature
 from struck.solids.volume_mesh import VolumeMesh
 
 _STEP = 1e-30  # derivatives by complex steps are exact
@@ -39,12 +39,12 @@ class Hierarchic:
 
     @classmethod
     def of(cls, mesh: VolumeMesh, held: Mask, degree: int = 0) -> Self:
-        """Return the functions of a degree, of the next one to the mesh's unless given."""
-        own = 1 if mesh.kind in PROMOTED else 3 if mesh.cubic else 2
-        degree = degree or own + 1
-        edges = ELEMENTS[PROMOTED.get(mesh.kind, mesh.kind)].edges
-        within = {2: (), 3: mesh.element.sides, 4: (tuple(range(len(mesh.element.corners))),)}
-        members = (*edges, *within[degree])
+        """Return the functions of a degree; 0 selects the next one to that of the mesh."""
+        mesh_degree = 1 if mesh.kind in QUADRATIC_KINDS else 3 if mesh.cubic else 2
+        degree = degree or mesh_degree + 1
+        edges = ELEMENTS[QUADRATIC_KINDS.get(mesh.kind, mesh.kind)].edges
+        member_sets = {2: (), 3: mesh.element.sides, 4: (tuple(range(len(mesh.element.corners))),)}
+        members = (*edges, *member_sets[degree])
         keys = np.empty((len(mesh.elements), len(members)), np.int64)
         signs = np.ones(keys.shape)
         for i, member in enumerate(members):
@@ -65,15 +65,18 @@ class Hierarchic:
         """Return the functions at reference `points` (q, 3): (q, m)."""
         at = shares(self.mesh.kind, points)
         corners = shares(self.mesh.kind, self.mesh.element.corners)
-        found = []
+        functions = []
         for member in self.members:
-            involved = corners[list(member)].any(axis=0)
-            function = np.prod(at[:, involved], axis=1)
+            is_involved = corners[list(member)].any(axis=0)
+            function = np.prod(at[:, is_involved], axis=1)
             if len(member) == 2:
-                along = at @ (corners[member[1]] - corners[member[0]])
-                function = function * {2: 1.0, 3: along, 4: 5 * along**2 - 1}[self.degree]
-            found.append(function)
-        return np.stack(found, axis=1)
+                edge_coordinates = at @ (corners[member[1]] - corners[member[0]])
+                function = (
+                    function
+                    * {2: 1.0, 3: edge_coordinates, 4: 5 * edge_coordinates**2 - 1}[self.degree]
+                )
+            functions.append(function)
+        return np.stack(functions, axis=1)
 
     def gradients(self, points: Array) -> Array:
         """Return their gradients in reference coordinates: (q, m, 3)."""
@@ -136,33 +139,37 @@ class Displacements:
 
     def values(self, points: Array, chosen: Index | slice) -> Array:
         """Return the functions at reference `points` (q, 3): (E or 1, q, n)."""
-        own = self.mesh.element.values(points)
+        nodal_values = self.mesh.element.values(points)
         if self.added is None:
-            return own[None]
+            return nodal_values[None]
         signs = self.added.signs[chosen, None]
-        more = np.real(self.added.values(points)) * signs
-        return np.concatenate([np.broadcast_to(own, (len(signs), *own.shape)), more], axis=2)
+        added_values = np.real(self.added.values(points)) * signs
+        return np.concatenate(
+            [np.broadcast_to(nodal_values, (len(signs), *nodal_values.shape)), added_values], axis=2
+        )
 
-    def slopes(self, points: Array, inverse: Array, chosen: Index | slice) -> Array:
-        """Return physical gradients (E, q, n, 3) from the `inverse` Jacobians (E, q, 3, 3)."""
-        own = self.mesh.element.gradients(points) @ inverse
+    def slopes(self, points: Array, inverse_jacobians: Array, chosen: Index | slice) -> Array:
+        """Return physical gradients (E, q, n, 3) from the inverse Jacobians (E, q, 3, 3)."""
+        nodal_slopes = self.mesh.element.gradients(points) @ inverse_jacobians
         if self.added is None:
-            return own
+            return nodal_slopes
         signs = self.added.signs[chosen, None, :, None]
-        return np.concatenate([own, self.added.gradients(points) @ inverse * signs], axis=2)
+        return np.concatenate(
+            [nodal_slopes, self.added.gradients(points) @ inverse_jacobians * signs], axis=2
+        )
 
     def held(self, nodes: Mask) -> Mask:
         """Return which basis functions (F,) move only nodes (N,) that are held."""
         if self.added is None:
             return nodes
-        held = np.zeros(self.count, bool)
-        held[: len(nodes)] = nodes
+        is_held = np.zeros(self.count, bool)
+        is_held[: len(nodes)] = nodes
         for i, member in enumerate(self.added.members):
-            still = nodes[self.mesh.corners[:, member]].all(axis=1)
-            held[len(nodes) + self.added.numbers[still, i]] = True
-        return held
+            is_fixed = nodes[self.mesh.corners[:, member]].all(axis=1)
+            is_held[len(nodes) + self.added.numbers[is_fixed, i]] = True
+        return is_held
 
-    def padded(self, motions: Array) -> Array:
+    def pad(self, motions: Array) -> Array:
         """Return motions of the nodes (3N, k) as motions of all functions."""
         return np.pad(motions, ((0, 3 * self.count - len(motions)), (0, 0)))
 
@@ -198,24 +205,24 @@ class System:
 
     def mass_matrix(self) -> sparse.csr_matrix:
         """Return the mass between nodes, both triangles (N, N)."""
-        return _both_triangles(self.mass, self.rows, self.starts)
+        return _fill_both_triangles(self.mass, self.rows, self.starts)
 
     def shifted(self, shift: float) -> sparse.csc_matrix:
         """Return the lower triangle of K - shift M (3N, 3N)."""
         blocks = self.stiffness.copy()
         blocks[(0, 1, 2), (0, 1, 2)] -= shift * self.mass
-        return _scalar_lower(blocks, self.rows, self.starts)
+        return _expand_blocks(blocks, self.rows, self.starts)
 
     def free(self, movable: Mask) -> System:
         """Return the system with the other nodes held still."""
         numbers = np.cumsum(movable) - 1
-        kept = movable[self.rows] & movable[self.columns]
-        counts = np.bincount(numbers[self.columns[kept]], minlength=int(movable.sum()))
+        is_free = movable[self.rows] & movable[self.columns]
+        counts = np.bincount(numbers[self.columns[is_free]], minlength=int(movable.sum()))
         return System(
             starts=np.concatenate([[0], np.cumsum(counts)]),
-            rows=numbers[self.rows[kept]],
-            stiffness=self.stiffness[:, :, kept],
-            mass=self.mass[kept],
+            rows=numbers[self.rows[is_free]],
+            stiffness=self.stiffness[:, :, is_free],
+            mass=self.mass[is_free],
         )
 
 
@@ -227,16 +234,16 @@ def assemble(mesh: VolumeMesh, material: Material, *, lumped: bool = False) -> S
     lower, upper = np.tril_indices(basis.numbers.shape[1])
     first, second = basis.numbers[:, lower], basis.numbers[:, upper]
     pairs, place = _node_pairs(first, second, basis.count)
-    turned = first < second
+    is_swapped = first < second
     stiffness, mass = np.zeros((3, 3, len(pairs))), np.zeros(len(pairs))
     for chosen, rule in _batches(basis):
         products = _products(basis, chosen, rule)
         # np.add.at is six times faster on flat arrays.
-        where = place[chosen].ravel()
-        for a, b, part in _components(products, lower, upper, turned[chosen], material):
-            np.add.at(stiffness[a, b], where, part.ravel())
+        positions = place[chosen].ravel()
+        for a, b, part in _components(products, lower, upper, is_swapped[chosen], material):
+            np.add.at(stiffness[a, b], positions, part.ravel())
         parts = _masses(basis, chosen, material, lumped=lumped)[:, lower, upper]
-        np.add.at(mass, where, parts.ravel())
+        np.add.at(mass, positions, parts.ravel())
     columns, rows = np.divmod(pairs, basis.count)
     starts = np.concatenate([[0], np.cumsum(np.bincount(columns, minlength=basis.count))])
     return System(starts=starts, rows=rows, stiffness=stiffness, mass=mass)
@@ -244,8 +251,8 @@ def assemble(mesh: VolumeMesh, material: Material, *, lumped: bool = False) -> S
 
 def _batches(basis: Displacements) -> Iterator[tuple[Index, Quadrature]]:
     """Yield groups of elements that fit the processor's cache, with the rule they need."""
-    straight = basis.mesh.straight()
-    for group, rule in zip((straight, ~straight), basis.stiffness_rules, strict=True):
+    is_straight = basis.mesh.straight()
+    for group, rule in zip((is_straight, ~is_straight), basis.stiffness_rules, strict=True):
         members = np.flatnonzero(group)
         for start in range(0, len(members), 512):
             yield members[start : start + 512], rule
@@ -255,10 +262,11 @@ def gradients(basis: Displacements, chosen: Index, rule: Quadrature) -> tuple[Ar
     """Return physical gradients (E, q, n, 3) and volume weights (E, q) of the elements."""
     jacobians = basis.mesh.jacobians(rule.points, chosen)
     determinants = np.linalg.det(jacobians)
-    inverted = np.count_nonzero((determinants <= 0).any(axis=1))
-    if inverted:
+    inverted_count = np.count_nonzero((determinants <= 0).any(axis=1))
+    if inverted_count:
         raise MeshError(
-            f"{inverted} of {len(basis.mesh.elements)} elements are turned inside out: the mesh "
+            f"{inverted_count} of {len(basis.mesh.elements)} elements are turned inside out: the "
+            f"mesh "
             "folds over itself there; use another lattice (accuracy=) or a smoother surface"
         )
     slopes = basis.slopes(rule.points, np.asarray(np.linalg.inv(jacobians), np.float64), chosen)
@@ -275,7 +283,7 @@ def _products(basis: Displacements, chosen: Index, rule: Quadrature) -> Array:
 
 
 def _components(
-    products: Array, lower: Index, upper: Index, turned: Mask, material: Material
+    products: Array, lower: Index, upper: Index, is_swapped: Mask, material: Material
 ) -> Iterator[tuple[int, int, Array]]:
     """Yield a, b and K_ij,ab of the pairs, with the higher node as row: (E, pairs)."""
     g = [[products[:, lower, a, upper, b] for b in range(3)] for a in range(3)]
@@ -284,9 +292,9 @@ def _components(
         if a == b:
             yield a, a, (material.first_lame + material.shear_modulus) * g[a][a] + trace
         else:
-            straight = np.where(turned, g[b][a], g[a][b])
-            crossed = np.where(turned, g[a][b], g[b][a])
-            yield a, b, material.first_lame * straight + material.shear_modulus * crossed
+            first_terms = np.where(is_swapped, g[b][a], g[a][b])
+            second_terms = np.where(is_swapped, g[a][b], g[b][a])
+            yield a, b, material.first_lame * first_terms + material.shear_modulus * second_terms
 
 
 def _masses(basis: Displacements, chosen: Index, material: Material, *, lumped: bool) -> Array:
@@ -306,32 +314,32 @@ def _node_pairs(first: Index, second: Index, nodes: int) -> tuple[Index, Index]:
     """Return the distinct node pairs as sorted keys and the place of each element's pair."""
     keys = (np.minimum(first, second) * nodes + np.maximum(first, second)).ravel()
     order = np.argsort(keys)
-    ordered = keys[order]
-    fresh = np.concatenate([[True], ordered[1:] != ordered[:-1]])
+    sorted_keys = keys[order]
+    is_new = np.concatenate([[True], sorted_keys[1:] != sorted_keys[:-1]])
     place = np.empty(len(keys), np.int64)
-    place[order] = np.cumsum(fresh) - 1
-    return ordered[fresh], place.reshape(first.shape)
+    place[order] = np.cumsum(is_new) - 1
+    return sorted_keys[is_new], place.reshape(first.shape)
 
 
-def _scalar_lower(blocks: Array, rows: Index, starts: Index) -> sparse.csc_matrix:
+def _expand_blocks(blocks: Array, rows: Index, starts: Index) -> sparse.csc_matrix:
     """Expand 3x3 blocks (3, 3, P) on the lower triangle to scalars, column after column."""
     nodes, counts = len(starts) - 1, np.diff(starts)
     columns = np.repeat(np.arange(nodes), counts)
     slot = np.arange(len(rows)) - np.repeat(starts[:-1], counts)
     # The diagonal block comes first in its column and loses its b entries above the diagonal.
     ends = np.cumsum((3 * counts[:, None] - np.arange(3)).ravel())
-    begins = np.concatenate([[0], ends[:-1]]).reshape(nodes, 3)
+    first_slots = np.concatenate([[0], ends[:-1]]).reshape(nodes, 3)
     pattern, data = np.empty(ends[-1], np.int32), np.empty(ends[-1])
     for a, b in product(range(3), repeat=2):
-        kept = slice(None) if a >= b else slot > 0
-        target = (begins[columns, b] + 3 * slot + a - b)[kept]
-        pattern[target] = (3 * rows + a)[kept]
-        data[target] = blocks[a, b][kept]
+        is_lower = slice(None) if a >= b else slot > 0
+        target = (first_slots[columns, b] + 3 * slot + a - b)[is_lower]
+        pattern[target] = (3 * rows + a)[is_lower]
+        data[target] = blocks[a, b][is_lower]
     indptr = np.concatenate([[0], ends])
     return sparse.csc_matrix((data, pattern, indptr), shape=(3 * nodes, 3 * nodes))
 
 
-def _both_triangles(values: Array, rows: Index, starts: Index) -> sparse.csr_matrix:
+def _fill_both_triangles(values: Array, rows: Index, starts: Index) -> sparse.csr_matrix:
     nodes = len(starts) - 1
     lower = sparse.csc_matrix((values, rows, starts), shape=(nodes, nodes))
     return (lower + sparse.tril(lower, -1).T).tocsr()

@@ -15,7 +15,7 @@ from struck.solids.fem.assembly import Hierarchic, edge_or_side_keys
 from struck.solids.volume_mesh import VolumeMesh
 
 _CUTS = 4  # of each edge
-_EDGES = ((0, 1), (1, 2), (2, 0))  # of a side; their middles are its nodes 3, 4 and 5
+_EDGES = ((0, 1), (1, 2), (2, 0))  # of a side; their midside nodes are 3, 4 and 5
 
 
 def surface_of(mesh: VolumeMesh, added: Hierarchic) -> tuple[Mesh, sparse.csr_array]:
@@ -25,10 +25,10 @@ def surface_of(mesh: VolumeMesh, added: Hierarchic) -> tuple[Mesh, sparse.csr_ar
     names = _names(sides, steps, len(mesh.nodes))
     _, first, numbers = np.unique(names, return_index=True, return_inverse=True)
     side, place = np.divmod(first, len(steps))
-    own, cubic = _values(steps / _CUTS)
-    points = np.einsum("vn,vnd->vd", own[place], mesh.nodes[sides[side]])
+    nodal_values, cubic_values = _values(steps / _CUTS)
+    points = np.einsum("vn,vnd->vd", nodal_values[place], mesh.nodes[sides[side]])
     columns, signs = _cubics(mesh, added, sides)
-    weights = np.hstack([own[place], cubic[place] * signs[side]])
+    weights = np.hstack([nodal_values[place], cubic_values[place] * signs[side]])
     matrix = sparse.csr_array(
         (
             weights.ravel(),
@@ -46,9 +46,11 @@ def _lattice() -> tuple[Index, Index]:
     """Return points of a triangle in steps along its coordinates (p, 3), and small triangles."""
     steps = [(_CUTS - i - j, i, j) for j in range(_CUTS + 1) for i in range(_CUTS + 1 - j)]
     at = {(i, j): number for number, (_, i, j) in enumerate(steps)}
-    upright = [(at[i, j], at[i + 1, j], at[i, j + 1]) for left, i, j in steps if left > 0]
-    turned = [(at[i + 1, j], at[i + 1, j + 1], at[i, j + 1]) for left, i, j in steps if left > 1]
-    return np.array(steps), np.array(upright + turned)
+    upright_triangles = [(at[i, j], at[i + 1, j], at[i, j + 1]) for left, i, j in steps if left > 0]
+    inverted_triangles = [
+        (at[i + 1, j], at[i + 1, j + 1], at[i, j + 1]) for left, i, j in steps if left > 1
+    ]
+    return np.array(steps), np.array(upright_triangles + inverted_triangles)
 
 
 def _names(sides: Index, steps: Index, nodes: int) -> Index:
@@ -59,10 +61,12 @@ def _names(sides: Index, steps: Index, nodes: int) -> Index:
         if len(ends) == 1:
             names[:, place] = sides[:, ends[0]] * _CUTS
         elif len(ends) == 2:
-            middle = 3 + next(k for k, edge in enumerate(_EDGES) if set(edge) == set(ends.tolist()))
+            midside_corner = 3 + next(
+                k for k, edge in enumerate(_EDGES) if set(edge) == set(ends.tolist())
+            )
             # Counted from the end with the lower number, as the neighbour does too.
             low, high = sides[:, ends[0]] < sides[:, ends[1]], step[ends]
-            names[:, place] = sides[:, middle] * _CUTS + np.where(low, high[1], high[0])
+            names[:, place] = sides[:, midside_corner] * _CUTS + np.where(low, high[1], high[0])
         else:
             names[:, place] = (nodes + np.arange(len(sides)) * len(steps) + place) * _CUTS
     return names
@@ -70,24 +74,24 @@ def _names(sides: Index, steps: Index, nodes: int) -> Index:
 
 def _values(at: Array) -> tuple[Array, Array]:
     """Return the functions of a side's nodes (p, 6), and its cubics (p, 4): edges, then itself."""
-    quadratic = [at[:, k] * (2 * at[:, k] - 1) for k in range(3)]
-    quadratic += [4 * at[:, a] * at[:, b] for a, b in _EDGES]
-    cubic = [at[:, a] * at[:, b] * (at[:, b] - at[:, a]) for a, b in _EDGES]
-    return np.stack(quadratic, axis=1), np.stack([*cubic, at.prod(axis=1)], axis=1)
+    nodal_values = [at[:, k] * (2 * at[:, k] - 1) for k in range(3)]
+    nodal_values += [4 * at[:, a] * at[:, b] for a, b in _EDGES]
+    cubic_values = [at[:, a] * at[:, b] * (at[:, b] - at[:, a]) for a, b in _EDGES]
+    return np.stack(nodal_values, axis=1), np.stack([*cubic_values, at.prod(axis=1)], axis=1)
 
 
 def _cubics(mesh: VolumeMesh, added: Hierarchic, sides: Index) -> tuple[Index, Array]:
     """Return the numbers (S, 4) and signs of the cubics on the edges of sides, and on a side."""
-    every = [_key(mesh.corners[:, member], len(mesh.nodes)) for member in added.members]
-    keys, first = np.unique(np.stack(every, axis=1), return_index=True)
+    member_keys = [_make_keys(mesh.corners[:, member], len(mesh.nodes)) for member in added.members]
+    keys, first = np.unique(np.stack(member_keys, axis=1), return_index=True)
     numbers = added.numbers.ravel()[first]
     parts = [sides[:, edge] for edge in _EDGES] + [sides[:, :3]]
-    wanted = np.stack([_key(part, len(mesh.nodes)) for part in parts], axis=1)
-    signs = np.ones(wanted.shape)
+    side_keys = np.stack([_make_keys(part, len(mesh.nodes)) for part in parts], axis=1)
+    signs = np.ones(side_keys.shape)
     for k, (a, b) in enumerate(_EDGES):
         signs[:, k] = np.sign(sides[:, b] - sides[:, a])
-    return len(mesh.nodes) + numbers[np.searchsorted(keys, wanted)], signs
+    return len(mesh.nodes) + numbers[np.searchsorted(keys, side_keys)], signs
 
 
-def _key(corners: Index, nodes: int) -> Index:
+def _make_keys(corners: Index, nodes: int) -> Index:
     return edge_or_side_keys(np.sort(corners, axis=1), nodes)

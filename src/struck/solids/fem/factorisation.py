@@ -31,25 +31,32 @@ _WORKING_VECTORS = 64  # that iterating works on, over and above those it keeps
 
 
 def forecast(
-    *, unknowns: int, entries: int, factor: int, kept: int, modes: int, shown: int = 0
+    *,
+    unknowns: int,
+    entries: int,
+    factor: int,
+    resident_bytes: int,
+    modes: int,
+    shown_numbers: int = 0,
 ) -> int:
     """Return the most bytes that finding modes takes on top of the assembled matrices."""
-    # `factor`, `kept`: bytes of a factorisation at its peak and afterwards; `modes`: of one slice;
-    # `entries`: of the lower triangle; `shown`: numbers kept of all modes, shapes on the surface.
+    # `factor`, `resident_bytes`: bytes of a factorisation at its peak and afterwards; `modes`: of
+    # one slice; `entries`: of the lower triangle; `shown_numbers`: stored for all modes, their
+    # shapes on the surface.
     basis = 3 * modes + _WORKING_VECTORS
-    iterating = _ENTRY // 2 * entries + kept + 8 * unknowns * (basis + modes)
-    return max(_ENTRY * entries + factor, iterating) + 8 * shown
+    iterating = _ENTRY // 2 * entries + resident_bytes + 8 * unknowns * (basis + modes)
+    return max(_ENTRY * entries + factor, iterating) + 8 * shown_numbers
 
 
-def require(needed: int, coarser: str = "") -> None:
+def require(needed_bytes: int, coarser: str = "") -> None:
     """Raise SolverError when more bytes are needed than are known to be free.
 
     The message offers the `coarser` settings, if there are any.
     """
     free = available()
-    if free is not None and needed > free:
+    if free is not None and needed_bytes > free:
         raise SolverError(
-            f"finding the modes needs about {needed / GIB:.1f} GiB of memory, but "
+            f"finding the modes needs about {needed_bytes / GIB:.1f} GiB of memory, but "
             f"{free / GIB:.1f} GiB are free: use {coarser}{', ' if coarser else ''}a simpler mesh, "
             "a thicker wall, a narrower band=, or a machine with more memory"
         )
@@ -68,12 +75,16 @@ class Factoriser:
 
     def __init__(self, backend: str = "auto") -> None:
         require_choice("backend", backend, _BACKENDS)
-        self._backend = _found() if backend == "auto" else backend
+        self._backend = _find_backend() if backend == "auto" else backend
         self._analysis: LdltSymbolic | None = None
 
     def __call__(self, lower: sparse.csc_matrix) -> Factor:
         """Factorise a matrix given by its lower triangle; SolverError when it is singular."""
-        return _by_superlu(lower) if self._backend == "superlu" else self._by_rslab(lower)
+        return (
+            _factorise_by_superlu(lower)
+            if self._backend == "superlu"
+            else self._factorise_by_rslab(lower)
+        )
 
     def memory(self, lower: sparse.csc_matrix) -> tuple[int, int]:
         """Return the bytes that a factorisation will take: at its peak, and afterwards."""
@@ -81,43 +92,46 @@ class Factoriser:
         if self._backend == "superlu":
             peak = int(_SUPERLU_BYTES * lower.nnz * lower.shape[0] ** (1 / 3))
             return peak, peak // 2
-        plan = self._analysed(lower).memory_plan(threads=thread_count(), nrhs=_RIGHT_HAND_SIDES)
+        plan = self._analyse(lower).memory_plan(threads=thread_count(), nrhs=_RIGHT_HAND_SIDES)
         return int(plan["peak_bytes"]), int(plan["resident_bytes"] + plan["solve_bytes"])
 
-    def _by_rslab(self, lower: sparse.csc_matrix) -> Factor:
+    def _factorise_by_rslab(self, lower: sparse.csc_matrix) -> Factor:
         # Bunch-Kaufman pivots, supernodal.
-        analysis = self._analysed(lower)
+        analysis = self._analyse(lower)
         try:
-            factor = analysis.factor(lower, threads=_live_pool())
+            factor = analysis.factor(lower, threads=_find_live_pool())
         except RuntimeError as error:
-            raise SolverError(_singular(str(error))) from error
+            raise SolverError(_describe_singular(str(error))) from error
         return Factor(
             negative=int(factor.inertia[1]),
             solve=lambda right: np.asarray(factor.solve_many(np.ascontiguousarray(right))),
         )
 
-    def _analysed(self, lower: sparse.csc_matrix) -> LdltSymbolic:
+    def _analyse(self, lower: sparse.csc_matrix) -> LdltSymbolic:
         import rslab
 
         if self._analysis is None:
-            analysis = rslab.analyze(lower, path="ldlt", threads=_live_pool())
+            analysis = rslab.analyze(lower, path="ldlt", threads=_find_live_pool())
             self._analysis = cast("LdltSymbolic", analysis)
         return self._analysis
 
 
-def _by_superlu(lower: sparse.csc_matrix) -> Factor:
+def _factorise_by_superlu(lower: sparse.csc_matrix) -> Factor:
     """Factorise without row exchanges, so that U's diagonal has the signs of D."""
     from scipy.sparse.linalg import splu
 
-    full = (lower + sparse.tril(lower, -1).T).tocsc()
+    full_matrix = (lower + sparse.tril(lower, -1).T).tocsc()
     try:
         factor = splu(
-            full, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+            full_matrix,
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
         )
     except RuntimeError as error:
-        raise SolverError(_singular(str(error))) from error
+        raise SolverError(_describe_singular(str(error))) from error
     if np.any(factor.perm_r != factor.perm_c):
-        raise SolverError(_singular("a pivot vanished"))
+        raise SolverError(_describe_singular("a pivot vanished"))
     return Factor(
         negative=int(np.count_nonzero(factor.U.diagonal() < 0)),
         solve=lambda right: np.ascontiguousarray(factor.solve(np.asfortranarray(right))),
@@ -129,7 +143,7 @@ _RIGHT_HAND_SIDES = 8
 _SUPERLU_BYTES = 12
 
 
-def _found() -> str:
+def _find_backend() -> str:
     try:
         importlib.import_module("rslab")
     except ImportError:
@@ -143,25 +157,25 @@ def factorise(lower: sparse.csc_matrix, backend: str = "auto") -> Factor:
 
 
 # rslab keeps a pool for each number of threads, and a fork leaves the threads of all of them in the
-# parent. A child asks for a number that is new to it: SuperLU would take twice as long, and the
+# parent. A child uses a number that is new to it: SuperLU would take twice as long, and the
 # answers do not depend on how many threads there are.
-_POOLS: set[int] = set()  # numbers of threads that were asked for here or before a fork
-_LOST: set[int] = set()  # those whose threads stayed in a parent
+_POOLS: set[int] = set()  # numbers of threads that were used here or before a fork
+_LOST_POOLS: set[int] = set()  # numbers whose threads stayed in a parent
 
 
-def _live_pool() -> int:
+def _find_live_pool() -> int:
     """Return `thread_count`, or the lowest number of threads whose pool no fork has emptied."""
     choices = itertools.chain([thread_count()], itertools.count(1))
-    count = next(count for count in choices if count not in _LOST)
+    count = next(count for count in choices if count not in _LOST_POOLS)
     _POOLS.add(count)
     return count
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=lambda: _LOST.update(_POOLS))
+    os.register_at_fork(after_in_child=lambda: _LOST_POOLS.update(_POOLS))
 
 
-def _singular(reason: str) -> str:
+def _describe_singular(reason: str) -> str:
     return (
         f"the shifted stiffness matrix cannot be factorised ({reason}): the body may hang "
         "together by a point, or the band may end exactly on a mode; change band= slightly"

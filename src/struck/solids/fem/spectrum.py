@@ -1,8 +1,8 @@
 """All eigenpairs below a bound, a slice of the spectrum at a time.
 
 One factorisation K - shift M = L D L^T serves twice: its inertia counts the eigenvalues below the
-shift, and block Lanczos with it finds those on both sides. The count between two shifts then says
-how many there must be between them, so that none is missed and none is taken twice (Grimes, Lewis
+shift, and block Lanczos with it finds those on both sides. The counts at two shifts then give
+the number between them, so that none is missed and none is taken twice (Grimes, Lewis
 & Simon 1994, section 3).
 """
 
@@ -21,22 +21,22 @@ from struck.model.provenance import Progress, silent
 from struck.solids.fem import factorisation
 from struck.solids.fem.assembly import System
 from struck.solids.fem.factorisation import Factor, Factoriser
-from struck.solids.fem.lanczos import Eigenpairs, Mass, block_lanczos, dense
+from struck.solids.fem.lanczos import Eigenpairs, Mass, block_lanczos, solve_dense
 
 
-def require_complete(values: Array, highest: float, counted: int) -> None:
+def require_complete(values: Array, max_value: float, expected_count: int) -> None:
     """Raise SolverError unless as many eigenvalues, in order, were found as inertia counts."""
-    found = int(np.count_nonzero(values <= highest))
-    if found != counted or np.any(np.diff(values) < 0):
+    found_count = int(np.count_nonzero(values <= max_value))
+    if found_count != expected_count or np.any(np.diff(values) < 0):
         raise SolverError(
-            f"{found} modes were found but {counted} exist up to the band's end: "
+            f"{found_count} modes were found but {expected_count} exist up to the band's end: "
             "change band= slightly, or report this body"
         )
 
 
-def require_one_piece(values: Array, highest: float) -> None:
+def require_one_piece(values: Array, max_value: float) -> None:
     """Raise MeshError when some motion has no restoring force."""
-    loose = int(np.count_nonzero(values < 1e-10 * highest))
+    loose = int(np.count_nonzero(values < 1e-10 * max_value))
     if loose:
         raise MeshError(
             f"{loose} parts of the body hang together by a point or an edge and swing freely: "
@@ -48,21 +48,21 @@ def largest_residual(system: System, pairs: Eigenpairs) -> float:
     """Return the largest |K x - lambda M x| / |K x| of the pairs."""
     lower, mass = system.shifted(0.0), Mass(system.mass_matrix())
     upper = sparse.tril(lower, -1).T
-    worst = 0.0
+    max_ratio = 0.0
     # A few at a time: a slice's vectors are large enough once.
     for start in range(0, len(pairs.values), 16):
-        some = slice(start, start + 16)
-        vectors = np.ascontiguousarray(pairs.vectors[:, some])
+        batch = slice(start, start + 16)
+        vectors = np.ascontiguousarray(pairs.vectors[:, batch])
         push = lower @ vectors + upper @ vectors
-        rest = push - (mass @ vectors) * pairs.values[some]
-        ratios = np.linalg.norm(rest, axis=0) / np.linalg.norm(push, axis=0)
-        worst = max(worst, float(ratios.max()))
-    return worst
+        residuals = push - (mass @ vectors) * pairs.values[batch]
+        ratios = np.linalg.norm(residuals, axis=0) / np.linalg.norm(push, axis=0)
+        max_ratio = max(max_ratio, float(ratios.max()))
+    return max_ratio
 
 
 SLICE_LIMIT = 200  # modes of one factorisation; beyond, keeping all vectors apart takes over
-_TRIES = 12
-_SPLIT = 1e-7  # share of equal eigenvalues by which they may come out apart
+_MAX_ATTEMPTS = 12
+_SPLIT_TOLERANCE = 1e-7  # share of equal eigenvalues by which they may come out apart
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,13 +98,13 @@ class Spectrum:
         self._factorise = factorise
         self._limit = max(limit, 4)
         self._progress = progress
-        self._done = 0.0
-        self._told = 0.0
+        self._done_fraction = 0.0
+        self._reported_fraction = 0.0
         self._mass = Mass(system.mass_matrix())
 
     def shift(self, value: float) -> Shift:
         """Factorise at a shift; SolverError when it lies on an eigenvalue too exactly."""
-        self._tell("solving for modes", self._done)
+        self._tell("solving for modes", self._done_fraction)
         for nudge in (0.0, 1e-6, -1e-6):
             try:
                 factor = self._factorise(self._system.shifted(value * (1 + nudge)))
@@ -117,26 +117,33 @@ class Spectrum:
 
     def _tell(self, stage: str, fraction: float) -> None:
         # Slices that turn out shorter than planned must not turn progress back.
-        self._told = max(self._told, fraction)
-        self._progress(stage, self._told)
+        self._reported_fraction = max(self._reported_fraction, fraction)
+        self._progress(stage, self._reported_fraction)
 
     def near(
-        self, shift: Shift, below: int, above: int, share: float = 1.0, least: float = -np.inf
+        self,
+        shift: Shift,
+        below: int,
+        above: int,
+        fraction_of_work: float = 1.0,
+        min_value: float = -np.inf,
     ) -> Eigenpairs:
-        """Return the nearest eigenpairs, `below` and `above` a shift, none below `least`."""
-        # `share` is what part of all the work they are.
-        done = self._done
+        """Return the nearest eigenpairs, `below` and `above` a shift, none below `min_value`."""
+        # `fraction_of_work` is their part of all the work, for the progress.
+        done_before = self._done_fraction
         pairs = block_lanczos(
             shift.factor.solve,
             self._mass,
             shift.value,
             above,
             self._known,
-            lambda fraction: self._tell("solving for modes", done + fraction * share),
+            lambda fraction: self._tell(
+                "solving for modes", done_before + fraction * fraction_of_work
+            ),
             below=below,
-            least=least,
+            min_value=min_value,
         )
-        self._done = min(done + share, 1.0)
+        self._done_fraction = min(done_before + fraction_of_work, 1.0)
         return pairs
 
     def up_to(self, end: Shift) -> Iterator[Eigenpairs]:
@@ -156,22 +163,22 @@ class Spectrum:
         last, tail, cut = EigenvalueCount(value=-np.inf, count=0), _NONE, 0.0
         while last.count + len(tail.values) < goal.count:
             start = EigenvalueCount(value=cut, count=last.count + len(tail.values))
-            shift = self._next(start, goal)
-            lower, upper = self._around(start, shift, goal)
+            shift = self._find_next_shift(start, goal)
+            lower, upper = self._solve_around(start, shift, goal)
             if len(lower.values) and lower.values[0] <= cut:
-                # The tail missed some: what lies between the shifts is found from here, whole.
-                lower, tail = self._between(last, shift), _NONE
+                # The tail missed some, so all pairs between the shifts are computed from here.
+                lower, tail = self._solve_between(last, shift), _NONE
             last = EigenvalueCount(value=shift.value, count=shift.below)
             del shift  # and its factor with it
             yield from (part for part in (tail, lower) if len(part.values))
             del lower
             tail, cut = _cut(upper, last.value, goal.value, goal.count - last.count)
             del upper
-            self._done = (last.count + len(tail.values)) / goal.count
+            self._done_fraction = (last.count + len(tail.values)) / goal.count
         if len(tail.values):
             yield tail
 
-    def _around(
+    def _solve_around(
         self, start: EigenvalueCount, shift: Shift, goal: EigenvalueCount
     ) -> tuple[Eigenpairs, Eigenpairs]:
         """Return the eigenpairs between `start` and a shift, and further ones that fill a slice."""
@@ -180,11 +187,11 @@ class Spectrum:
         if not below + above:
             return _NONE, _NONE
         # A quarter of what lies above may be left to the next slice.
-        share = (below + 3 * above // 4) / goal.count
-        pairs = self.near(shift, below, above, share, start.value)
-        return _kept(pairs, slice(below)), _kept(pairs, slice(below, None))
+        fraction_of_work = (below + 3 * above // 4) / goal.count
+        pairs = self.near(shift, below, above, fraction_of_work, start.value)
+        return _select_pairs(pairs, slice(below)), _select_pairs(pairs, slice(below, None))
 
-    def _between(self, last: EigenvalueCount, shift: Shift) -> Eigenpairs:
+    def _solve_between(self, last: EigenvalueCount, shift: Shift) -> Eigenpairs:
         pairs = self.near(shift, shift.below - last.count, 0, 0.0, last.value)
         if pairs.values[0] <= last.value:
             raise SolverError(
@@ -194,16 +201,16 @@ class Spectrum:
             )
         return pairs
 
-    def _next(self, start: EigenvalueCount, goal: EigenvalueCount) -> Shift:
+    def _find_next_shift(self, start: EigenvalueCount, goal: EigenvalueCount) -> Shift:
         """Return the next shift, about half a slice of modes above the value reached."""
         target = start.count + min(self._limit, goal.count - start.count) / 2
-        shift = self.shift(_predicted(target, start, goal))
-        for _ in range(_TRIES):
+        shift = self.shift(_predict_shift(target, start, goal))
+        for _ in range(_MAX_ATTEMPTS):
             if shift.below - start.count <= 0.8 * self._limit:
                 break
             farthest = EigenvalueCount(value=shift.value, count=shift.below)
             del shift  # and its factor with it
-            shift = self.shift(_predicted(target, start, farthest))
+            shift = self.shift(_predict_shift(target, start, farthest))
         if shift.below < start.count:
             raise SolverError(
                 f"{start.count} modes were found up to {_hertz(start.value):.6g} Hz but "
@@ -216,7 +223,7 @@ class Spectrum:
 _NONE = Eigenpairs(values=np.zeros(0), vectors=np.zeros((0, 0)))
 
 
-def _predicted(target: float, start: EigenvalueCount, end: EigenvalueCount) -> float:
+def _predict_shift(target: float, start: EigenvalueCount, end: EigenvalueCount) -> float:
     """Return where the count should reach `target`: it grows as a power of the eigenvalue."""
     # Weyl's law: 1 in thin walls, which is the first guess; less in bars, more in lumps.
     power = 1.0
@@ -228,26 +235,28 @@ def _predicted(target: float, start: EigenvalueCount, end: EigenvalueCount) -> f
     return float(np.clip(value, start.value + 0.02 * width, end.value - 0.02 * width))
 
 
-def _kept(pairs: Eigenpairs, chosen: slice) -> Eigenpairs:
+def _select_pairs(pairs: Eigenpairs, chosen: slice) -> Eigenpairs:
     # A copy, so that the rest can go.
     return Eigenpairs(values=pairs.values[chosen], vectors=pairs.vectors[:, chosen].copy())
 
 
-def _cut(pairs: Eigenpairs, least: float, end: float, left: int) -> tuple[Eigenpairs, float]:
+def _cut(pairs: Eigenpairs, min_value: float, end: float, left: int) -> tuple[Eigenpairs, float]:
     """Return the pairs below `end`, or up to a gap when more are `left`, and where the cut lies."""
     # A cut through equal eigenvalues would leave their vectors unlike those of the next slice.
     values = pairs.values
     if not len(values):
-        return pairs, least
+        return pairs, min_value
     if values[-1] > end or len(values) == left:
-        inside = int(np.searchsorted(values, end))
-        return _kept(pairs, slice(inside)), float(values[inside - 1]) if inside else least
-    gaps = np.diff(values, prepend=least)
+        inside_count = int(np.searchsorted(values, end))
+        return _select_pairs(pairs, slice(inside_count)), float(
+            values[inside_count - 1]
+        ) if inside_count else min_value
+    gaps = np.diff(values, prepend=min_value)
     last = 3 * len(values) // 4
-    while last and gaps[last:].max() < _SPLIT * values[-1]:
+    while last and gaps[last:].max() < _SPLIT_TOLERANCE * values[-1]:
         last //= 2
-    widest = last + int(np.argmax(gaps[last:]))
-    return _kept(pairs, slice(widest)), float(values[widest] - gaps[widest] / 2)
+    gap_index = last + int(np.argmax(gaps[last:]))
+    return _select_pairs(pairs, slice(gap_index)), float(values[gap_index] - gaps[gap_index] / 2)
 
 
 def _hertz(value: float) -> float:
@@ -263,7 +272,7 @@ class Solver:
 
     lumped: bool = False  # mass; linear tetrahedra only (2002, eq. 15)
     backend: str = "auto"  # sparse factorisation: "auto", "rslab" or "superlu"
-    dense_limit: int = DENSE_LIMIT  # up to so many unknowns LAPACK takes the whole matrix
+    dense_limit: int = DENSE_LIMIT  # number of unknowns up to which LAPACK takes the whole matrix
     slice_limit: int = SLICE_LIMIT  # more modes are found slice by slice
     coarser: str = ""  # settings that need less memory, which messages offer
 
@@ -271,7 +280,7 @@ class Solver:
 class Search:
     """The elastic eigenpairs of one system up to `bound`, (rad/s)^2: counted, then found."""
 
-    # `motions` (n, k): rigid ones, none of a body that is held; `shown`: numbers kept of each mode.
+    # `motions` (n, k): rigid ones, k = 0 if the body is held; `shown`: numbers stored per mode.
 
     def __init__(
         self,
@@ -306,9 +315,11 @@ class Search:
         end = self._spectrum.shift(self.bound)
         self.counted = end.below
         if self.small:
-            found = dense(*_full(self.system), self.bound, self._motions.shape[1])
-            self._require_some(found)
-            yield found
+            eigenpairs = solve_dense(
+                *_dense_matrices(self.system), self.bound, self._motions.shape[1]
+            )
+            self._require_some(eigenpairs)
+            yield eigenpairs
             return
         if not self.counted:
             self._require_some(self._spectrum.near(end, 0, 1))
@@ -319,10 +330,11 @@ class Search:
 
     def _require_some(self, pairs: Eigenpairs) -> None:
         if not self.counted:
-            lowest = np.sqrt(max(pairs.values[0], 0.0)) / (2 * np.pi)
-            highest = np.sqrt(self.bound) / (2 * np.pi)
+            min_frequency = np.sqrt(max(pairs.values[0], 0.0)) / (2 * np.pi)
+            max_frequency = np.sqrt(self.bound) / (2 * np.pi)
             raise NoModeError(
-                f"no mode lies below {highest:g} Hz: the lowest is at {rounded(lowest, 4)} Hz; "
+                f"no mode lies below {max_frequency:g} Hz: the lowest is at "
+                f"{rounded(min_frequency, 4)} Hz; "
                 "widen band=, or make the body larger, thinner or softer"
             )
 
@@ -334,19 +346,19 @@ class Search:
         """Refuse a solve that exceeds the memory: its factorisation or its iteration."""
         if self.small:
             return
-        peak, kept = self._plan
+        peak, resident_bytes = self._plan
         self.forecast = factorisation.forecast(
             unknowns=self.system.unknowns,
             entries=self.system.entries,
             factor=peak,
-            kept=kept,
+            resident_bytes=resident_bytes,
             modes=modes,
-            shown=self._shown * self.counted,
+            shown_numbers=self._shown * self.counted,
         )
         factorisation.require(self.forecast, self.solver.coarser)
 
 
-def _full(system: System) -> tuple[Array, Array]:
+def _dense_matrices(system: System) -> tuple[Array, Array]:
     lower = system.shifted(0.0).toarray()
     stiffness = lower + np.tril(lower, -1).T
     return stiffness, np.asarray(np.kron(system.mass_matrix().toarray(), np.eye(3)), np.float64)

@@ -47,25 +47,29 @@ def vibration_modes(
     # `fixed` (N,): nodes that cannot move; without any the body floats freely.
     solver = solver or Solver()
     progress("setting up the equations of motion", 0.0)
-    whole = assemble(mesh, material, lumped=solver.lumped)
+    full_system = assemble(mesh, material, lumped=solver.lumped)
     basis = Displacements.of(mesh)
-    movable = np.ones(basis.count, bool) if fixed is None else ~basis.held(fixed)
-    system = whole if movable.all() else whole.free(movable)
+    is_movable = np.ones(basis.count, bool) if fixed is None else ~basis.held(fixed)
+    system = full_system if is_movable.all() else full_system.free(is_movable)
     collector = _Collector(
-        basis=basis, material=material, movable=movable, surface=_surface(basis), estimate=estimate
+        basis=basis,
+        material=material,
+        movable=is_movable,
+        surface=_surface(basis),
+        estimate=estimate,
     )
     search = Search(
         system=system,
-        motions=_free_motions(basis) if movable.all() else np.zeros((system.unknowns, 0)),
+        motions=_free_motions(basis) if is_movable.all() else np.zeros((system.unknowns, 0)),
         bound=(2 * np.pi * highest) ** 2,
         solver=solver,
         shown=3 * len(collector.surface[0].points),
         progress=progress,
     )
     # Nothing here may hold on to a slice's vectors while the next one is found.
-    results = _joined(map(partial(_certified, search, collector), search.pairs()), search)
+    results = _join_slices(map(partial(_certify, search, collector), search.pairs()), search)
     require_complete(results.values, search.bound, search.counted)
-    return _as_modes(collector, whole, results, highest, _provenance(mesh, search, results))
+    return _as_modes(collector, full_system, results, highest, _provenance(mesh, search, results))
 
 
 def without_modes(
@@ -88,7 +92,7 @@ def without_modes(
         poisson_slopes=none,
         errors=none,
         provenance=Provenance(
-            method=f"finite elements ({_named(mesh)})",
+            method=f"finite elements ({_name_elements(mesh)})",
             references=("zienkiewicz2013", "parlett1998"),
             dropped=(why,),
             details={"nodes": len(mesh.nodes), "sturm_count": 0},
@@ -119,24 +123,26 @@ class _Collector:
 
     def of(self, pairs: Eigenpairs, residual: float) -> _SliceResults:
         """Return the results of a slice of eigenpairs, without their full vectors."""
-        vectors = self._everywhere(pairs)
-        unknown = np.full(len(pairs.values), np.nan)
+        vectors = self._expand(pairs)
+        unknown_errors = np.full(len(pairs.values), np.nan)
         return _SliceResults(
             values=pairs.values,
-            shapes=self._on_surface(vectors),
+            shapes=self._move_surface(vectors),
             slopes=poisson_slopes(self.basis, self.material, pairs.values, vectors),
-            errors=unknown if self.estimate is None else self.estimate(pairs.values, vectors),
+            errors=unknown_errors
+            if self.estimate is None
+            else self.estimate(pairs.values, vectors),
             residual=residual,
         )
 
-    def _on_surface(self, vectors: Array) -> Array:
+    def _move_surface(self, vectors: Array) -> Array:
         """Return the movement of the surface's vertices (V, 3, m)."""
-        moved = self.surface[1]
-        if isinstance(moved, np.ndarray):
-            return vectors[moved]
-        return (moved @ vectors.reshape(len(vectors), -1)).reshape(-1, *vectors.shape[1:])
+        vertex_map = self.surface[1]
+        if isinstance(vertex_map, np.ndarray):
+            return vectors[vertex_map]
+        return (vertex_map @ vectors.reshape(len(vectors), -1)).reshape(-1, *vectors.shape[1:])
 
-    def _everywhere(self, pairs: Eigenpairs) -> Array:
+    def _expand(self, pairs: Eigenpairs) -> Array:
         """Return the displacements of all functions (N, 3, m), zero for held ones."""
         moving = pairs.vectors.reshape(-1, 3, len(pairs.values))
         if self.movable.all():
@@ -154,29 +160,29 @@ def _surface(basis: Displacements) -> tuple[Mesh, Index | sparse.csr_array]:
     return surface_of(basis.mesh, basis.added)
 
 
-def _certified(search: Search, collector: _Collector, pairs: Eigenpairs) -> _SliceResults:
+def _certify(search: Search, collector: _Collector, pairs: Eigenpairs) -> _SliceResults:
     search.progress("checking that no mode is missing", 0.0)
     require_one_piece(pairs.values, search.bound)
     return collector.of(pairs, largest_residual(search.system, pairs))
 
 
-def _joined(parts: Iterable[_SliceResults], search: Search) -> _SliceResults:
+def _join_slices(parts: Iterable[_SliceResults], search: Search) -> _SliceResults:
     """Put slices side by side as they come; shapes, the most of it, in their final place."""
     none = np.zeros((0, 3, 0))
-    shapes, every = none, []
+    shapes, slices = none, []
     for part in parts:
-        if not every:
+        if not slices:
             shapes = np.empty((*part.shapes.shape[:2], search.counted))
-        begun = sum(len(before.values) for before in every)
-        require_complete(part.values, np.inf, min(len(part.values), search.counted - begun))
-        shapes[:, :, begun : begun + len(part.values)] = part.shapes
-        every.append(replace(part, shapes=none))
+        first = sum(len(part.values) for part in slices)
+        require_complete(part.values, np.inf, min(len(part.values), search.counted - first))
+        shapes[:, :, first : first + len(part.values)] = part.shapes
+        slices.append(replace(part, shapes=none))
     return _SliceResults(
-        values=np.concatenate([part.values for part in every]),
+        values=np.concatenate([part.values for part in slices]),
         shapes=shapes,
-        slopes=np.concatenate([part.slopes for part in every]),
-        errors=np.concatenate([part.errors for part in every]),
-        residual=max(part.residual for part in every),
+        slopes=np.concatenate([part.slopes for part in slices]),
+        errors=np.concatenate([part.errors for part in slices]),
+        residual=max(part.residual for part in slices),
     )
 
 
@@ -207,10 +213,10 @@ def _provenance(mesh: VolumeMesh, search: Search, results: _SliceResults) -> Pro
     lumped = "lumped" if search.solver.lumped else "consistent"
     method = "anderson1999" if search.small else "grimes1994"
     return Provenance(
-        method=f"finite elements ({_named(mesh)}, {lumped} mass)",
+        method=f"finite elements ({_name_elements(mesh)}, {lumped} mass)",
         references=("zienkiewicz2013", method, "parlett1998"),
         details={
-            "elements": f"{len(mesh.elements)} {_named(mesh)}",
+            "elements": f"{len(mesh.elements)} {_name_elements(mesh)}",
             "nodes": len(mesh.nodes),
             "unknowns": search.system.unknowns,
             "largest_residual": results.residual,
@@ -220,20 +226,20 @@ def _provenance(mesh: VolumeMesh, search: Search, results: _SliceResults) -> Pro
     )
 
 
-def _named(mesh: VolumeMesh) -> str:
+def _name_elements(mesh: VolumeMesh) -> str:
     return f"cubic {mesh.kind}" if mesh.cubic else mesh.kind
 
 
 def mass_properties(system: System, nodes: Array) -> tuple[float, Array, Array]:
     """Return mass, centre of mass and moments of inertia about it from the mass matrix."""
     # The functions of the nodes make up all translations; others follow them.
-    between = system.mass_matrix()[: len(nodes), : len(nodes)]
-    weights = np.asarray(between.sum(axis=0)).ravel()
+    node_masses = system.mass_matrix()[: len(nodes), : len(nodes)]
+    weights = np.asarray(node_masses.sum(axis=0)).ravel()
     mass = float(weights.sum())
     centre = weights @ nodes / mass
-    offsets = nodes - centre
-    second = offsets.T @ (between @ offsets)
-    return mass, centre, np.trace(second) * np.eye(3) - second
+    arms = nodes - centre
+    second_moments = arms.T @ (node_masses @ arms)
+    return mass, centre, np.trace(second_moments) * np.eye(3) - second_moments
 
 
 def poisson_slopes(
@@ -241,18 +247,18 @@ def poisson_slopes(
 ) -> Array:
     """Return d ln f / d(Poisson's ratio) at constant Young's modulus for each mode (M,)."""
     # First-order perturbation: K = lambda D + mu B, so the energy of dilatation x'Dx of a mode
-    # tells how its eigenvalue follows lambda and mu.
+    # determines how its eigenvalue changes with lambda and mu.
     nu, young = material.poisson_ratio, material.youngs_modulus
     dilatation = _dilatation(basis, vectors)
-    rest = (values - material.first_lame * dilatation) / material.shear_modulus
+    shear_part = (values - material.first_lame * dilatation) / material.shear_modulus
     first = young * (1 + 2 * nu**2) / ((1 + nu) * (1 - 2 * nu)) ** 2
     shear = -young / (2 * (1 + nu) ** 2)
-    return (first * dilatation + shear * rest) / (2 * values)
+    return (first * dilatation + shear * shear_part) / (2 * values)
 
 
 def _dilatation(basis: Displacements, vectors: Array) -> Array:
     """Return the integral of (div x)^2 of each mode (M,)."""
-    total = np.zeros(vectors.shape[2])
+    integrals = np.zeros(vectors.shape[2])
     rule = basis.stiffness_rules[1]
     for chunk in basis.mesh.chunks(512):
         chosen = np.arange(len(basis.mesh.elements))[chunk]
@@ -260,13 +266,13 @@ def _dilatation(basis: Displacements, vectors: Array) -> Array:
         count, points, functions, _ = slopes.shape
         shapes = vectors[basis.numbers[chosen]].reshape(count, 3 * functions, -1)
         divergence = slopes.reshape(count, points, 3 * functions) @ shapes
-        total += np.einsum("eq,eqm,eqm->m", weights, divergence, divergence, optimize=True)
-    return total
+        integrals += np.einsum("eq,eqm,eqm->m", weights, divergence, divergence, optimize=True)
+    return integrals
 
 
 def _free_motions(basis: Displacements) -> Array:
     """Return translations and rotations (3N, 6): linear, so the functions of the nodes do."""
-    return basis.padded(rigid_motions(basis.mesh.nodes))
+    return basis.pad(rigid_motions(basis.mesh.nodes))
 
 
 def lowest_frequency(
@@ -278,7 +284,7 @@ def lowest_frequency(
     motions = _free_motions(Displacements.of(mesh))
     # Any shift below all frequencies will do; this one is the square of a travelling wave's.
     speed = np.sqrt(material.youngs_modulus / material.density)
-    bound = np.square(speed / np.ptp(mesh.nodes, axis=0).max())
+    max_eigenvalue = np.square(speed / np.ptp(mesh.nodes, axis=0).max())
     spectrum = Spectrum(system, motions, Factoriser(solver.backend))
-    pairs = spectrum.near(spectrum.shift(-float(bound) / 400), 0, number)
+    pairs = spectrum.near(spectrum.shift(-float(max_eigenvalue) / 400), 0, number)
     return float(np.sqrt(pairs.values[number - 1]) / (2 * np.pi))

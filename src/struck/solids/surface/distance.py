@@ -14,17 +14,19 @@ from struck.model.arrays import Array
 from struck.model.mesh import Closest, Mesh, Surface, barycentric
 from struck.model.mesh_topology import edges_of
 from struck.solids.lattice import Lattice
-from struck.solids.surface.closedness import INSIDE
+from struck.solids.surface.closedness import INSIDE_WINDING
 
 if TYPE_CHECKING:
     import igl
 
-THINNEST = 0.75
+MAX_SPACING_RATIO = 0.75
 """Spacing of a lattice over the thickness of a solid part, above which the lattice tears there."""
-_SLENDER = 1.5  # the same over THINNEST, above which a part is given elements of its own width
-_FACING = -0.87  # cosine between the normals of two faces that face each other across a part
+# The same over MAX_SPACING_RATIO, above which a part gets elements sized by its thickness.
+_SLENDER_FACTOR = 1.5
+_FACING_COSINE = -0.87  # cosine between the normals of two faces that face each other across a part
 _INWARD = 1e-6  # of the body's extent, by which rays start below the surface
-_DEEP = 3.0  # times the thickness that half of the surface has at most: a rim, seen along a wall
+# Depth over the median thickness above which a place is a rim, as the ray runs along a wall.
+_RIM_DEPTH_RATIO = 3.0
 _PLACES = 5_000  # on a surface, at which the body is sounded
 _ORDER, _ACCURACY = 2, 2.0  # of the expansion far away, and how many radii away: libigl's own
 
@@ -61,10 +63,10 @@ class FilledBody:
 
     @cached_property
     def thickness(self) -> float:
-        """Of the wall, or of a plate with the same volume and surface, m."""
-        whole = self.mesh.volume
-        solid = 2 * whole / float(self.mesh.areas.sum())
-        return solid if self.wall is None else min(self.wall, solid)
+        """Thickness of the wall, or of a plate with the same volume and surface, m."""
+        total_volume = self.mesh.volume
+        plate_thickness = 2 * total_volume / float(self.mesh.areas.sum())
+        return plate_thickness if self.wall is None else min(self.wall, plate_thickness)
 
     @property
     def is_solid(self) -> bool:
@@ -83,15 +85,19 @@ class FilledBody:
     @property
     def rough_volume(self) -> float:
         """Volume of the material, a wall's about, m^3."""
-        whole = self.mesh.volume
-        return whole if self.wall is None else min(whole, float(self.mesh.areas.sum()) * self.wall)
+        total_volume = self.mesh.volume
+        return (
+            total_volume
+            if self.wall is None
+            else min(total_volume, float(self.mesh.areas.sum()) * self.wall)
+        )
 
     def distance(self, points: Array) -> Array:
         """Return the signed distance to the surface, negative inside, m (K,)."""
         # The sign is that of the winding number (Barill et al. 2018).
         winding = self._winding.winding_number(np.ascontiguousarray(points), _ACCURACY)
         length, _, _ = self._surface.closest(points)
-        return np.where(np.atleast_1d(winding) > INSIDE, -length, length)
+        return np.where(np.atleast_1d(winding) > INSIDE_WINDING, -length, length)
 
     def depths(self, points: Array) -> Array:
         """Return 1-Lipschitz functions, all negative in the material alone, m (K, 1 or 2)."""
@@ -99,7 +105,7 @@ class FilledBody:
         surfaces = [distance] if self.wall is None else [distance, -distance - self.wall]
         return np.stack(surfaces, axis=1)
 
-    judge = None  # depths below all faces tell what is in the body
+    judge = None  # the body is where all depths are negative
 
     @cached_property
     def _thicknesses(self) -> tuple[Array, Array, Array]:
@@ -108,41 +114,41 @@ class FilledBody:
         places, vectors = self.mesh.spread(_PLACES)
         areas = np.linalg.norm(vectors, axis=1)
         inward = -vectors / areas[:, None]
-        below = places + _INWARD * self.mesh.extent * inward
-        met, depths = self._surface.first_below(below, inward)
-        cosines = -np.einsum("sd,sd->s", inward, self.mesh.face_normals[met])
-        return places, areas, np.where(cosines < _FACING, depths, np.inf)
+        origins = places + _INWARD * self.mesh.extent * inward
+        hit_faces, depths = self._surface.first_below(origins, inward)
+        cosines = -np.einsum("sd,sd->s", inward, self.mesh.face_normals[hit_faces])
+        return places, areas, np.where(cosines < _FACING_COSINE, depths, np.inf)
 
     @property
     def rims(self) -> float:
         """Area of the surface where the body is far deeper than it is mostly, over the other's."""
         _, areas, thicknesses = self._thicknesses
-        facing = np.isfinite(thicknesses)
-        if not facing.any():
+        is_facing = np.isfinite(thicknesses)
+        if not is_facing.any():
             return 0.0
-        rim = facing & (thicknesses > _DEEP * np.median(thicknesses[facing]))
-        return float(areas[rim].sum() / areas[~rim].sum())
+        is_rim = is_facing & (thicknesses > _RIM_DEPTH_RATIO * np.median(thicknesses[is_facing]))
+        return float(areas[is_rim].sum() / areas[~is_rim].sum())
 
-    def widest(self, spacing: float) -> Callable[[Array], Array] | None:
-        """Return the longest edges wanted at points (K, 3), m (K,), by how thick the body is there.
+    def max_edges(self, spacing: float) -> Callable[[Array], Array] | None:
+        """Return the longest edges required at points (K, 3), m (K,), by the thickness there.
 
         None where no part of a solid body is slender against a lattice of this spacing, m.
         """
         if not self.is_solid:
             return None
         places, _, thicknesses = self._thicknesses
-        slender = _SLENDER * THINNEST * thicknesses < spacing
-        if not slender.any():
+        is_slender = _SLENDER_FACTOR * MAX_SPACING_RATIO * thicknesses < spacing
+        if not is_slender.any():
             return None
-        tree = KDTree(places[slender])
-        edges = THINNEST * thicknesses[slender]
+        tree = KDTree(places[is_slender])
+        edges = MAX_SPACING_RATIO * thicknesses[is_slender]
 
-        def widest(points: Array) -> Array:
-            away, nearest = tree.query(points)
+        def max_edges_at(points: Array) -> Array:
+            distances, nearest_places = tree.query(points)
             # Half a thickness below the surface is the middle of the part.
-            return np.where(away < edges[nearest], edges[nearest], np.inf)
+            return np.where(distances < edges[nearest_places], edges[nearest_places], np.inf)
 
-        return widest
+        return max_edges_at
 
     @property
     def opposed(self) -> tuple[tuple[int, int], ...]:
@@ -152,11 +158,13 @@ class FilledBody:
     def onto(self, surfaces: tuple[int, ...], points: Array) -> Array:
         """Return points (K, 3) moved onto the outer (0) or inner face (1), or halfway (0, 1)."""
         surface = float(np.mean(surfaces))
-        length, _, nearest = self._surface.closest(points)
+        length, _, nearest_points = self._surface.closest(points)
         if surface == 0 or self.wall is None:
-            return nearest
-        share = np.divide(surface * self.wall, length, out=np.zeros_like(length), where=length > 0)
-        return nearest + (points - nearest) * share[:, None]
+            return nearest_points
+        fractions = np.divide(
+            surface * self.wall, length, out=np.zeros_like(length), where=length > 0
+        )
+        return nearest_points + (points - nearest_points) * fractions[:, None]
 
     def volume(self, spacing: float) -> float:
         """Return the volume of the material, m^3: a wall's by samples `spacing` m apart."""
@@ -167,7 +175,7 @@ class FilledBody:
 class WalledSheet:
     """A wall around an open surface: half of it on either side, square at the rim."""
 
-    mesh: Mesh  # with a rim, its faces oriented alike
+    mesh: Mesh  # with a rim, its faces oriented consistently
     wall: float  # thickness, m
 
     @property
@@ -195,18 +203,18 @@ class WalledSheet:
 
     def _height(self, points: Array) -> tuple[Array, Array]:
         """Return the heights above the surface, m (K,), and the nearest points on it."""
-        length, faces, nearest = self._surface.closest(points)
-        weights = barycentric(self.mesh.points[self.mesh.faces[faces]], nearest)
-        # Blended normals: those of single faces jump at edges, and the sides with them.
+        length, faces, nearest_points = self._surface.closest(points)
+        weights = barycentric(self.mesh.points[self.mesh.faces[faces]], nearest_points)
+        # Blended normals: normals of single faces jump at edges, and the sides with them.
         normals = self.mesh.vertex_normals[self.mesh.faces[faces]]
-        above = np.einsum("kc,kcd,kd->k", weights, normals, points - nearest)
-        return np.where(above < 0, -length, length), nearest
+        heights = np.einsum("kc,kcd,kd->k", weights, normals, points - nearest_points)
+        return np.where(heights < 0, -length, length), nearest_points
 
     def depths(self, points: Array) -> Array:
         """Return depths below the upper face, the lower face and the rim, m (K, 3)."""
-        height, nearest = self._height(points)
-        past = self._rim.past(points, nearest)
-        return np.stack([height - self.wall / 2, -height - self.wall / 2, past], axis=1)
+        height, nearest_points = self._height(points)
+        rim_distances = self._rim.distance_past(points, nearest_points)
+        return np.stack([height - self.wall / 2, -height - self.wall / 2, rim_distances], axis=1)
 
     opposed = ((0, 1),)
     judge = None
@@ -219,13 +227,13 @@ class WalledSheet:
     def onto(self, surfaces: tuple[int, ...], points: Array) -> Array:
         """Return points moved onto the upper (0), lower (1) or middle (0, 1) face, or the rim."""
         surface = float(np.mean(surfaces))
-        height, nearest = self._height(points)
+        height, nearest_points = self._height(points)
         if surface == 2:
-            return points - self._rim.way(points, nearest)
-        share = np.divide(
+            return points - self._rim.displacement(points, nearest_points)
+        fractions = np.divide(
             (0.5 - surface) * self.wall, height, out=np.zeros_like(height), where=height != 0
         )
-        return nearest + (points - nearest) * share[:, None]
+        return nearest_points + (points - nearest_points) * fractions[:, None]
 
     def volume(self, spacing: float) -> float:
         """Return the volume of the material, m^3, by samples `spacing` m apart."""
@@ -233,42 +241,51 @@ class WalledSheet:
 
 
 class Rim:
-    """The open edges of a surface whose faces are oriented alike."""
+    """The open edges of a surface whose faces are oriented consistently."""
 
     def __init__(self, mesh: Mesh) -> None:
         edges = edges_of(mesh.faces)
         face, side = np.divmod(np.flatnonzero(edges.faces_at[edges.owner] == 1), 3)
         first, last = mesh.faces[face, side], mesh.faces[face, (side + 1) % 3]
         self._starts, ends = mesh.points[first], mesh.points[last]
-        self._ways = _unit(ends - self._starts)
+        self._directions = _unit(ends - self._starts)
         self._lengths = np.linalg.norm(ends - self._starts, axis=1)
-        self._outward = _unit(np.cross(self._ways, mesh.face_normals[face]))
-        self._after = np.argsort(first)[np.argsort(np.argsort(last))]
-        self._before = np.argsort(self._after)
+        self._outward = _unit(np.cross(self._directions, mesh.face_normals[face]))
+        self._next_edges = np.argsort(first)[np.argsort(np.argsort(last))]
+        self._previous_edges = np.argsort(self._next_edges)
         self._tree = Closest(mesh.points, np.stack([first, last], axis=1))
 
-    def past(self, points: Array, on_surface: Array) -> Array:
+    def distance_past(self, points: Array, on_surface: Array) -> Array:
         """Return how far points lie past the rim, negative on the surface's side, m (K,)."""
-        _, edge, nearest = self._tree.closest(on_surface)
-        along = np.linalg.norm(nearest - self._starts[edge], axis=1) / self._lengths[edge]
-        beside = np.where(along < _AT_CORNER, self._before[edge], edge)
-        beside = np.where(along > 1 - _AT_CORNER, self._after[edge], beside)
-        here, there = (
-            np.einsum("kd,kd->k", points - nearest, self._outward[e]) for e in (edge, beside)
+        _, edge, nearest_points = self._tree.closest(on_surface)
+        positions = (
+            np.linalg.norm(nearest_points - self._starts[edge], axis=1) / self._lengths[edge]
+        )
+        neighbours = np.where(positions < _END_TOLERANCE, self._previous_edges[edge], edge)
+        neighbours = np.where(positions > 1 - _END_TOLERANCE, self._next_edges[edge], neighbours)
+        edge_heights, neighbour_heights = (
+            np.einsum("kd,kd->k", points - nearest_points, self._outward[e])
+            for e in (edge, neighbours)
         )
         # A corner that sticks out ends at either edge, one that goes in at both.
-        back = np.where(along < _AT_CORNER, -1.0, 1.0)[:, None] * self._ways[beside]
-        sticks_out = np.einsum("kd,kd->k", self._outward[edge], back) <= 0
-        return np.where(sticks_out, np.maximum(here, there), np.minimum(here, there))
+        back = (
+            np.where(positions < _END_TOLERANCE, -1.0, 1.0)[:, None] * self._directions[neighbours]
+        )
+        is_convex = np.einsum("kd,kd->k", self._outward[edge], back) <= 0
+        return np.where(
+            is_convex,
+            np.maximum(edge_heights, neighbour_heights),
+            np.minimum(edge_heights, neighbour_heights),
+        )
 
-    def way(self, points: Array, on_surface: Array) -> Array:
-        """Return the way from the rim to points, along the surface there, m (K, 3)."""
-        _, edge, nearest = self._tree.closest(on_surface)
-        plane = np.stack([self._outward[edge], self._ways[edge]], axis=1)
-        return np.einsum("kad,kae,ke->kd", plane, plane, points - nearest)
+    def displacement(self, points: Array, on_surface: Array) -> Array:
+        """Return the vectors from the rim to points, along the surface there, m (K, 3)."""
+        _, edge, nearest_points = self._tree.closest(on_surface)
+        plane = np.stack([self._outward[edge], self._directions[edge]], axis=1)
+        return np.einsum("kad,kae,ke->kd", plane, plane, points - nearest_points)
 
 
-_AT_CORNER = 1e-9  # share of an edge that counts as its end
+_END_TOLERANCE = 1e-9  # fraction of an edge that counts as its end
 
 
 def _unit(vectors: Array) -> Array:
@@ -280,17 +297,19 @@ def sampled_volume(body: FilledBody | WalledSheet, spacing: float) -> float:
     # Each surface counts by a step that rises over one cell, so its place is known far better
     # than the spacing; a thin wall, as their difference, takes samples about as close.
     area = float(body.mesh.areas.sum())
-    fine = max(min(spacing, _SAMPLES_OF_WALL * body.thickness), np.sqrt(_COST * area / _MOST))
-    lattice = Lattice.over(body.bounds, fine)
+    fine = max(
+        min(spacing, _SAMPLES_OF_WALL * body.thickness), np.sqrt(_COST * area / _MAX_SAMPLES)
+    )
+    lattice = Lattice.cover(body.bounds, fine)
     width = float(np.cbrt(np.prod(lattice.cell)))
-    total = 0.0
-    for depths in lattice.sampled(body.depths):
-        beyond = np.clip(0.5 + depths / width, 0.0, 1.0)
+    slab_sum = 0.0
+    for depths in lattice.sample(body.depths):
+        outside_parts = np.clip(0.5 + depths / width, 0.0, 1.0)
         # A slab may be thinner than the step, so its two faces add; a rim cuts it across.
-        slab = np.maximum(1.0 - beyond[..., :2].sum(axis=-1), 0.0)
-        total += float((slab * (1.0 - beyond[..., 2:]).prod(axis=-1)).sum())
-    return total * float(np.prod(lattice.cell)) / 2
+        slab = np.maximum(1.0 - outside_parts[..., :2].sum(axis=-1), 0.0)
+        slab_sum += float((slab * (1.0 - outside_parts[..., 2:]).prod(axis=-1)).sum())
+    return slab_sum * float(np.prod(lattice.cell)) / 2
 
 
 _SAMPLES_OF_WALL = 1.5  # spacing over the wall
-_COST, _MOST = 32, 600_000  # samples a square of the spacing, and most samples
+_COST, _MAX_SAMPLES = 32, 600_000  # samples per square of the spacing, and their maximum

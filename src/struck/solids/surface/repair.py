@@ -18,36 +18,37 @@ from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Mesh
 from struck.model.mesh_topology import boxes_of, edges_of, pieces, submesh, turned_faces, volumes_of
 from struck.solids.surface.closedness import (
-    ONE_SIDED,
-    THINNEST,
+    MIN_THICKNESS,
+    ONE_SIDED_MESSAGE,
     Shells,
-    apart,
     crossings,
-    exposed,
-    flipped,
+    expose_faces,
+    find_open_faces,
+    flip_faces,
     is_closed,
-    open_faces,
+    remove_fins,
     require_closed,
-    without_fins,
+    separate_pieces,
 )
 from struck.solids.surface.welding import (
     Closed,
-    closed,
+    close_openings,
+    count_open_edges,
+    find_lines,
     is_feature,
-    lines,
-    open_edges,
-    sewn,
-    single,
-    without_lines,
+    remove_lines,
+    remove_repeated,
+    sew,
 )
 
 # A surface bounds a body while what closes it is small against it. The cap of an open cup,
 # of a dome or of a dish is above a sixth of its wall; holes of scans are a few hundredths.
-LARGEST_OPENING = 0.1
-_BURIED = 1e-3  # share of the area within the material from which on crossing faces matter
-_LOST, _INVENTED = 0.05, 0.1  # share that a rebuilt surface may lose, or have in excess
-_PATCH = 0.02  # share of the area below which pieces of an open surface are crumbs
-MOST_FACES = 2_000_000
+MAX_OPENING_FRACTION = 0.1
+_MIN_BURIED_FRACTION = 1e-3  # of the area within the material, above which crossings are repaired
+# Share that a rebuilt surface may lose, or have in excess.
+_MAX_LOST_FRACTION, _MAX_INVENTED_FRACTION = (0.05, 0.1)
+_MIN_PATCH_FRACTION = 0.02  # share of the area below which pieces of an open surface are crumbs
+MAX_FACES = 2_000_000
 """Largest number of faces of a surface that is repaired, which takes minutes."""
 
 
@@ -62,21 +63,24 @@ class Repair:
     Parameters
     ----------
     mesh : Mesh
-        Closed, normals outward; with `sheet` an open surface, its faces oriented alike.
-    found : tuple of str
-        What was wrong, a sentence each; empty for a clean mesh, which stays as it is.
-    changed : tuple of str
-        What was changed, a sentence each.
-    volume_before, volume_after : float
-        Enclosed by the mesh as given (from its middle, where it is open) and as it is now, m^3;
-        of a sheet, area times wall.
+        Closed, normals outward; with `sheet` an open surface, its faces oriented consistently.
+    faults : tuple of str
+        Faults of the mesh, one sentence each; empty for a clean mesh, which stays as it is.
+        Default: ().
+    changes : tuple of str
+        Changes made, one sentence each. Default: ().
+    volume_before : float
+        Volume enclosed by the mesh as given, m^3; of an open one, as seen from the centre of its
+        box.
+    volume_after : float
+        Volume enclosed by the repaired mesh, m^3; of a sheet, area times wall.
     sheet : bool
-        Whether the mesh is a single-sided sheet that takes a wall.
+        Whether the mesh is a single-sided sheet that takes a wall. Default: False.
     """
 
     mesh: Mesh
-    found: tuple[str, ...] = ()
-    changed: tuple[str, ...] = ()
+    faults: tuple[str, ...] = ()
+    changes: tuple[str, ...] = ()
     volume_before: float
     volume_after: float
     sheet: bool = False
@@ -102,38 +106,38 @@ def require_holes(holes: str | None, wall: float | None) -> None:
         )
 
 
-def repaired(mesh: Mesh, *, wall: float | None = None, holes: str | None = None) -> Repair:
+def repair_mesh(mesh: Mesh, *, wall: float | None = None, holes: str | None = None) -> Repair:
     """Repair a surface, all tolerances relative to its extent; a clean mesh is returned itself."""
-    # `wall`, m, is for a single-sided sheet; `holes` says whether its openings are meant: "keep",
-    # "fill", or by their form. MeshError when there is no body to be told: a sheet without `wall`,
-    # a one-sided or flat surface, faces that point every way.
-    before = _volume(mesh)
+    # `wall`, m, is for a single-sided sheet; `holes` selects whether its openings stay: "keep",
+    # "fill", or by their form. MeshError if no body is recognised: a sheet without `wall`, a
+    # one-sided or flat surface, faces that point in all directions.
+    old_volume = _volume(mesh)
     if _is_clean(mesh):
-        return Repair(mesh=mesh, volume_before=before, volume_after=before)
-    if len(mesh.faces) > MOST_FACES:
+        return Repair(mesh=mesh, volume_before=old_volume, volume_after=old_volume)
+    if len(mesh.faces) > MAX_FACES:
         raise MeshError(
-            f"it is damaged and has {len(mesh.faces):,} faces, and at most {MOST_FACES:,} are "
+            f"it is damaged and has {len(mesh.faces):,} faces, and at most {MAX_FACES:,} are "
             "repaired: decimate the surface, or export it again, closed"
         )
-    record, (together, distance) = RepairLog(), sewn(mesh)
+    record, (sewn_mesh, distance) = RepairLog(), sew(mesh)
     if distance:
-        merged = counted(len(mesh.points) - len(together.points), "vertex")
+        merged_vertices = counted(len(mesh.points) - len(sewn_mesh.points), "vertex")
         record.note(
-            f"Faces stand apart by up to {rounded(distance, 2)} m.",
-            f"{merged} within {rounded(distance, 2)} m of others merged.",
+            f"Faces have gaps of up to {rounded(distance, 2)} m.",
+            f"{merged_vertices} within {rounded(distance, 2)} m of others merged.",
         )
-    result, sheet = _result(together, wall, holes, record)
+    result, sheet = _repair_sewn(sewn_mesh, wall, holes, record)
     return Repair(
         mesh=result,
-        found=tuple(record.found),
-        changed=tuple(record.changed),
-        volume_before=before,
+        faults=tuple(record.faults),
+        changes=tuple(record.changes),
+        volume_before=old_volume,
         volume_after=float(result.areas.sum()) * (wall or 0.0) if sheet else result.volume,
         sheet=sheet,
     )
 
 
-def _result(
+def _repair_sewn(
     mesh: Mesh, wall: float | None, holes: str | None, record: RepairLog
 ) -> tuple[Mesh, bool]:
     """Return the body, or the sheet and True."""
@@ -143,32 +147,35 @@ def _result(
             f"Taken as the middle of a wall of {wall:g} m.",
         )
         return mesh, True
-    bare = open_faces(mesh)
-    if bare is not None and is_closed(bare):
-        hidden = counted(len(mesh.faces) - len(bare.faces), "face")
-        record.note(f"{hidden} within the material or repeated.", f"{hidden} removed.")
-        mesh = bare
-    elif bare is not None and bare.areas.sum() < (1 - _BURIED) * mesh.areas.sum():
+    bare_mesh = find_open_faces(mesh)
+    if bare_mesh is not None and is_closed(bare_mesh):
+        hidden_faces = counted(len(mesh.faces) - len(bare_mesh.faces), "face")
+        record.note(f"{hidden_faces} within the material or repeated.", f"{hidden_faces} removed.")
+        mesh = bare_mesh
+    elif (
+        bare_mesh is not None
+        and bare_mesh.areas.sum() < (1 - _MIN_BURIED_FRACTION) * mesh.areas.sum()
+    ):
         pairs = crossings(mesh)
-        record.found.append(
+        record.faults.append(
             f"Parts overlap and share edges; {counted(len(pairs), 'pair')} of faces cross."
         )
-        return _rebuilt(mesh, exposed(mesh, pairs), record), False
-    surface = mended(mesh, record)
-    solid = surface.solid
-    whole = bool(surface.areas[solid].sum() >= surface.areas.sum() / 2)
-    if whole and (wall is None or not _openings_kept(surface, holes)):
-        return _body(surface, solid, record), False
-    joined = None if whole else _joined(surface, record)
-    if joined is not None:
-        return joined, False
-    # Of a sheet that is open anyway the longest rim is its own, and others are left by default.
-    kept = _openings_kept(surface, holes or (None if whole else "keep"))
-    if not whole and holes == "fill":
+        return _rebuild(mesh, expose_faces(mesh, pairs), record), False
+    surface = mend(mesh, record)
+    is_solid = surface.solid
+    is_mostly_solid = bool(surface.areas[is_solid].sum() >= surface.areas.sum() / 2)
+    if is_mostly_solid and (wall is None or not _select_open_rims(surface, holes)):
+        return _body(surface, is_solid, record), False
+    joined_body = None if is_mostly_solid else _join_patches(surface, record)
+    if joined_body is not None:
+        return joined_body, False
+    # The longest rim of a sheet is its border, and other rims are left open by default.
+    open_rims = _select_open_rims(surface, holes or (None if is_mostly_solid else "keep"))
+    if not is_mostly_solid and holes == "fill":
         lines = [surface.open.points[rim] for rim in surface.closed.rims]
         lengths = [np.linalg.norm(np.roll(p, -1, axis=0) - p, axis=1).sum() for p in lines]
-        kept = [surface.closed.rims[int(np.argmax(lengths))]]
-    return _sheet(surface, kept, wall, record), True
+        open_rims = [surface.closed.rims[int(np.argmax(lengths))]]
+    return _sheet(surface, open_rims, wall, record), True
 
 
 def _is_strip(mesh: Mesh) -> bool:
@@ -190,42 +197,42 @@ def _is_clean(mesh: Mesh) -> bool:
         require_closed(mesh)
     except MeshError:
         return False
-    return not lines(mesh).any() and not len(crossings(mesh))
+    return not find_lines(mesh).any() and not len(crossings(mesh))
 
 
-def _body(surface: Mended, solid: Mask, record: RepairLog) -> Mesh:
-    """Return the largest body that the `solid` pieces (P,) bound."""
-    shells = solid_shells(surface, solid, record)
-    shells = without_hidden(shells, crossings(shells.mesh), record)
+def _body(surface: Mended, is_solid: Mask, record: RepairLog) -> Mesh:
+    """Return the largest body that the solid pieces (P,) bound."""
+    shells = make_solid_shells(surface, is_solid, record)
+    shells = remove_hidden(shells, crossings(shells.mesh), record)
     crossing = Crossing.of(shells)
-    largest = largest_body(shells, crossing.pairs, record)
-    if largest is not shells:
-        shells, crossing = largest, Crossing.of(largest)
+    largest_shells = select_largest_body(shells, crossing.pairs, record)
+    if largest_shells is not shells:
+        shells, crossing = largest_shells, Crossing.of(largest_shells)
     if _matters(crossing, shells, record):
-        from struck.solids.surface.rebuilding import united  # few surfaces need it
+        from struck.solids.surface.rebuilding import unite  # few surfaces need it
 
-        whole = united(shells, crossing.pairs)
-        if whole is None:
-            return _rebuilt(shells.mesh, crossing.limits, record)
-        record.changed.append("United, each part as it is.")
-        return _one(whole, record)
+        union = unite(shells, crossing.pairs)
+        if union is None:
+            return _rebuild(shells.mesh, crossing.limits, record)
+        record.changes.append("United, each part as it is.")
+        return _select_body(union, record)
     try:
         require_closed(shells.mesh)
     except MeshError as error:
         record.note(f"Mended, {error}.", "Rebuilt, as mending was not enough.")
-        return _rebuilt(shells.mesh, crossing.limits, record)
+        return _rebuild(shells.mesh, crossing.limits, record)
     return shells.mesh
 
 
 def largest_of(mesh: Mesh) -> Mesh:
-    """Return the pieces of a closed surface of which `repaired` makes the body, as they are."""
-    record, bare = RepairLog(), open_faces(mesh)
-    if bare is not None and not is_closed(bare):
+    """Return the pieces of a closed surface of which `repair_mesh` makes the body, as they are."""
+    record, bare_mesh = RepairLog(), find_open_faces(mesh)
+    if bare_mesh is not None and not is_closed(bare_mesh):
         return mesh  # parts that share edges, which are rebuilt together
-    surface = mended(mesh if bare is None else bare, record)
-    shells = solid_shells(surface, surface.solid, record)
-    shells = without_hidden(shells, crossings(shells.mesh), record)
-    return largest_body(shells, Crossing.of(shells).pairs, record).mesh
+    surface = mend(mesh if bare_mesh is None else bare_mesh, record)
+    shells = make_solid_shells(surface, surface.solid, record)
+    shells = remove_hidden(shells, crossings(shells.mesh), record)
+    return select_largest_body(shells, Crossing.of(shells).pairs, record).mesh
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -233,21 +240,21 @@ class Crossing:
     """Pairs of faces that cross, and the size of the crossing."""
 
     pairs: Index  # (K, 2); of two pieces only where they overlap, not where they touch
-    limits: Mesh | None  # what parts material from air
-    buried: float  # share of the area within the material
+    limits: Mesh | None  # the faces between material and air
+    buried_fraction: float  # share of the area within the material
 
     @classmethod
     def of(cls, shells: Shells) -> Crossing:
         """Find the faces that cross among closed pieces."""
         pairs = crossings(shells.mesh)
         if not len(pairs):
-            return cls(pairs=pairs, limits=shells.mesh, buried=0.0)
-        limits = exposed(shells.mesh, pairs)
+            return cls(pairs=pairs, limits=shells.mesh, buried_fraction=0.0)
+        limits = expose_faces(shells.mesh, pairs)
         open_area = 0.0 if limits is None else float(limits.areas.sum())
         buried = max(0.0, 1 - open_area / float(shells.mesh.areas.sum()))
         first, second = shells.labels[pairs].T
-        kept = pairs if buried > _BURIED else pairs[first == second]
-        return cls(pairs=kept, limits=limits, buried=buried)
+        crossing_pairs = pairs if buried > _MIN_BURIED_FRACTION else pairs[first == second]
+        return cls(pairs=crossing_pairs, limits=limits, buried_fraction=buried)
 
 
 def _matters(crossing: Crossing, shells: Shells, record: RepairLog) -> bool:
@@ -255,27 +262,29 @@ def _matters(crossing: Crossing, shells: Shells, record: RepairLog) -> bool:
     if not len(crossing.pairs):
         return False
     faces = counted(len(np.unique(crossing.pairs)), "face")
-    within = f"{rounded(100 * crossing.buried, 2)} % of the area lies within the material."
-    if crossing.buried <= _BURIED:
-        record.note(f"{faces} cross a little.", f"Crossing faces left: {within}")
+    area_note = (
+        f"{rounded(100 * crossing.buried_fraction, 2)} % of the area lies within the material."
+    )
+    if crossing.buried_fraction <= _MIN_BURIED_FRACTION:
+        record.note(f"{faces} cross a little.", f"Crossing faces left: {area_note}")
         return False
     pieces = len(np.unique(shells.labels[crossing.pairs]))
     overlap = f"{pieces} pieces overlap or touch, in {faces}" if pieces > 1 else f"{faces} cross"
-    record.found.append(f"{overlap}; {within}")
+    record.faults.append(f"{overlap}; {area_note}")
     return True
 
 
-def _rebuilt(mesh: Mesh, limits: Mesh | None, record: RepairLog) -> Mesh:
-    from struck.solids.surface.rebuilding import rebuilt  # few surfaces need it
+def _rebuild(mesh: Mesh, limits: Mesh | None, record: RepairLog) -> Mesh:
+    from struck.solids.surface.rebuilding import rebuild  # few surfaces need it
 
-    new = rebuilt(mesh, limits)
-    _say(new, record)
-    return _one(new.mesh, record)
+    new = rebuild(mesh, limits)
+    _note_rebuilding(new, record)
+    return _select_body(new.mesh, record)
 
 
-def _one(mesh: Mesh, record: RepairLog) -> Mesh:
+def _select_body(mesh: Mesh, record: RepairLog) -> Mesh:
     """Return the largest body of a rebuilt surface."""
-    result = largest_body(Shells.of(mesh), np.empty((0, 2), np.int64), record).mesh
+    result = select_largest_body(Shells.of(mesh), np.empty((0, 2), np.int64), record).mesh
     try:
         require_closed(result)
     except MeshError as error:
@@ -286,35 +295,38 @@ def _one(mesh: Mesh, record: RepairLog) -> Mesh:
     return result
 
 
-def _say(new: Rebuilt, record: RepairLog) -> None:
-    record.changed.append(
+def _note_rebuilding(new: Rebuilt, record: RepairLog) -> None:
+    record.changes.append(
         f"Surface rebuilt on a lattice of {rounded(new.spacing, 3)} m, edges rounded by as much "
         f"(volume {rounded(100 * new.change, 2, sign=True)} % from the lattice before)."
     )
 
 
-def _joined(surface: Mended, record: RepairLog) -> Mesh | None:
+def _join_patches(surface: Mended, record: RepairLog) -> Mesh | None:
     """Return a body that patches bound together though they do not meet; None where none do."""
-    patches = int(np.count_nonzero(surface.areas > _PATCH * surface.areas.sum()))
+    patches = int(np.count_nonzero(surface.areas > _MIN_PATCH_FRACTION * surface.areas.sum()))
     box = np.ptp(surface.open.bounds, axis=0)
-    if patches < 2 or box.min() <= THINNEST * box.max():
+    if patches < 2 or box.min() <= MIN_THICKNESS * box.max():
         return None
-    from struck.solids.surface.rebuilding import invented_share, lost_share, rebuilt
+    from struck.solids.surface.rebuilding import measure_invented, measure_lost, rebuild
 
-    limits = exposed(surface.open, crossings(surface.open))
+    boundary = expose_faces(surface.open, crossings(surface.open))
     try:
-        new = rebuilt(surface.open, limits, roughly=True)
-        if lost_share(surface.open, new) > _LOST or invented_share(surface.open, new) > _INVENTED:
+        new = rebuild(surface.open, boundary, coarse_only=True)
+        if (
+            measure_lost(surface.open, new) > _MAX_LOST_FRACTION
+            or measure_invented(surface.open, new) > _MAX_INVENTED_FRACTION
+        ):
             return None
-        new = rebuilt(surface.open, limits)
+        new = rebuild(surface.open, boundary)
     except MeshError:
         return None
-    record.found.append(f"{counted(len(surface.areas), 'patch')} of the surface do not meet.")
-    _say(new, record)
-    return _one(new.mesh, record)
+    record.faults.append(f"{counted(len(surface.areas), 'patch')} of the surface do not meet.")
+    _note_rebuilding(new, record)
+    return _select_body(new.mesh, record)
 
 
-def _openings_kept(surface: Mended, holes: str | None) -> list[Index]:
+def _select_open_rims(surface: Mended, holes: str | None) -> list[Index]:
     """Return the rims of openings that stay: all, none, or the round and the straight-edged."""
     if holes is not None:
         return list(surface.closed.rims) if holes == "keep" else []
@@ -324,41 +336,42 @@ def _openings_kept(surface: Mended, holes: str | None) -> list[Index]:
     ]
 
 
-def _say_of_holes(surface: Mended, kept: list[Index], record: RepairLog) -> None:
+def _note_holes(surface: Mended, open_rims: list[Index], record: RepairLog) -> None:
     """Say which openings of a sheet stay and which are filled, and how to have it otherwise."""
-    filled = len(surface.closed.rims) - len(kept)
-    if filled:
+    filled_count = len(surface.closed.rims) - len(open_rims)
+    if filled_count:
         record.note(
-            f"{counted(filled, 'hole')} in the sheet.",
-            f"{counted(filled, 'hole')} filled: holes='keep' leaves all open.",
+            f"{counted(filled_count, 'hole')} in the sheet.",
+            f"{counted(filled_count, 'hole')} filled: holes='keep' leaves all open.",
         )
-    across = [float(np.ptp(surface.open.points[rim], axis=0).max()) for rim in kept]
-    if surface.solid.any() and across:
+    widths = [float(np.ptp(surface.open.points[rim], axis=0).max()) for rim in open_rims]
+    if surface.solid.any() and widths:
         record.note(
-            f"{counted(len(kept), 'opening')} up to {rounded(max(across), 3)} m across.",
+            f"{counted(len(open_rims), 'opening')} up to {rounded(max(widths), 3)} m across.",
             "Left open, round or of straight edges or as asked for: holes='fill' closes them.",
         )
 
 
-def _sheet(surface: Mended, kept: list[Index], wall: float | None, record: RepairLog) -> Mesh:
+def _sheet(surface: Mended, open_rims: list[Index], wall: float | None, record: RepairLog) -> Mesh:
     if wall is not None:
-        _say_of_holes(surface, kept, record)
-    stay = {id(rim) for rim in kept}
-    rest = [rim for rim in surface.closed.rims if id(rim) not in stay]
-    whole = closed(surface.open, rest).mesh
-    labels = pieces(whole)
-    areas = np.bincount(labels, weights=whole.areas)
-    sheet, others = submesh(whole, np.flatnonzero(labels == areas.argmax())), len(areas) - 1
-    if not open_edges(sheet):
+        _note_holes(surface, open_rims, record)
+    open_ids = {id(rim) for rim in open_rims}
+    filled_rims = [rim for rim in surface.closed.rims if id(rim) not in open_ids]
+    closed_mesh = close_openings(surface.open, filled_rims).mesh
+    labels = pieces(closed_mesh)
+    areas = np.bincount(labels, weights=closed_mesh.areas)
+    sheet, others = submesh(closed_mesh, np.flatnonzero(labels == areas.argmax())), len(areas) - 1
+    if not count_open_edges(sheet):
         raise MeshError(
             "the mesh encloses no volume: its faces lie back to back; give the body a thickness, "
             "or one side of the sheet alone with wall="
         )
-    share = surface.filled.sum() / surface.areas.sum()
+    fraction = surface.filled.sum() / surface.areas.sum()
     if wall is None:
         raise MeshError(
-            f"the mesh is an open sheet: to close it would take {100 * share:.0f} % of its area, "
-            f"and up to {100 * LARGEST_OPENING:.0f} % are filled as holes; give wall=, the "
+            f"the mesh is an open sheet: to close it would take {100 * fraction:.0f} % of its "
+            f"area, "
+            f"and up to {100 * MAX_OPENING_FRACTION:.0f} % are filled as holes; give wall=, the "
             "thickness of the sheet in m"
         )
     if others:
@@ -380,18 +393,18 @@ def _sheet(surface: Mended, kept: list[Index], wall: float | None, record: Repai
 class RepairLog:
     """Faults of a mesh and the changes made, a sentence each."""
 
-    found: list[str] = field(default_factory=list)
-    changed: list[str] = field(default_factory=list)
+    faults: list[str] = field(default_factory=list)
+    changes: list[str] = field(default_factory=list)
 
-    def note(self, found: str, changed: str) -> None:
+    def note(self, fault: str, change: str) -> None:
         """Record a fault and the change that mends it."""
-        self.found.append(found)
-        self.changed.append(changed)
+        self.faults.append(fault)
+        self.changes.append(change)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Mended:
-    """A surface whose faces are oriented alike, before and after its openings are filled."""
+    """A surface whose faces are oriented consistently, before and after its openings are filled."""
 
     open: Mesh  # its openings as they are
     closed: Closed  # all of them filled
@@ -410,16 +423,18 @@ class Mended:
     @property
     def filled(self) -> Array:
         """Areas of the faces that fill the openings of each piece, m^2 (P,)."""
-        fresh = np.arange(len(self.labels)) >= len(self.open.faces)
-        areas = np.where(fresh, self.mesh.areas, 0.0)
+        is_new = np.arange(len(self.labels)) >= len(self.open.faces)
+        areas = np.where(is_new, self.mesh.areas, 0.0)
         return np.bincount(self.labels, weights=areas).astype(np.float64)
 
     @property
     def solid(self) -> Mask:
-        """Which pieces bound a body (P,): closed but for small openings, and not empty."""
+        """Which pieces bound a body (P,): closed, or with small openings, and not empty."""
         extents = boxes_of(self.mesh, self.labels).extents
-        empty = np.abs(volumes_of(self.mesh, self.labels)) <= THINNEST * self.areas * extents
-        return ~empty & (self.filled <= LARGEST_OPENING * self.areas)
+        is_empty = (
+            np.abs(volumes_of(self.mesh, self.labels)) <= MIN_THICKNESS * self.areas * extents
+        )
+        return ~is_empty & (self.filled <= MAX_OPENING_FRACTION * self.areas)
 
     def holes(self, chosen: Mask) -> int:
         """Return how many openings the `chosen` pieces (P,) had."""
@@ -428,117 +443,128 @@ class Mended:
         return int(sum(chosen[piece[rim[0]]] for rim in self.closed.rims))
 
 
-def mended(mesh: Mesh, record: RepairLog) -> Mended:
-    """Drop faces that repeat or lean on others, turn the rest alike, fill openings."""
-    mesh, repeated = single(mesh)
-    if repeated:
+def mend(mesh: Mesh, record: RepairLog) -> Mended:
+    """Drop repeated faces and fins, orient the others consistently, fill openings."""
+    mesh, repeated_count = remove_repeated(mesh)
+    if repeated_count:
         record.note(
-            f"{counted(repeated, 'face')} {'repeats' if repeated == 1 else 'repeat'} others.",
-            f"{counted(repeated, 'repeated face')} removed.",
+            f"{counted(repeated_count, 'face')} {'repeats' if repeated_count == 1 else 'repeat'} "
+            f"others.",
+            f"{counted(repeated_count, 'repeated face')} removed.",
         )
-    mesh, leaning = without_fins(mesh)
-    if leaning:
-        meet = "meets" if leaning == 1 else "meet"
+    mesh, fin_count = remove_fins(mesh)
+    if fin_count:
+        verb = "meets" if fin_count == 1 else "meet"
         record.note(
-            f"{counted(leaning, 'face')} in fins or inner walls {meet} the surface.",
-            f"{counted(leaning, 'face')} of fins and inner walls removed.",
+            f"{counted(fin_count, 'face')} in fins or inner walls {verb} the surface.",
+            f"{counted(fin_count, 'face')} of fins and inner walls removed.",
         )
-    crowded = int(np.count_nonzero(edges_of(mesh.faces).faces_at > 2))
-    if crowded:
-        mesh = apart(mesh)
+    crowded_count = int(np.count_nonzero(edges_of(mesh.faces).faces_at > 2))
+    if crowded_count:
+        mesh = separate_pieces(mesh)
         record.note(
-            f"{counted(crowded, 'edge')} shared by more than two faces.",
-            f"Pieces taken apart at {counted(crowded, 'edge')}.",
+            f"{counted(crowded_count, 'edge')} shared by more than two faces.",
+            f"Pieces taken apart at {counted(crowded_count, 'edge')}.",
         )
-    mesh = without_needles(_alike(mesh, record), record)
-    filled = closed(mesh)
-    return Mended(open=mesh, closed=filled, labels=pieces(filled.mesh))
+    mesh = remove_needles(_orient_faces(mesh, record), record)
+    closed_surface = close_openings(mesh)
+    return Mended(open=mesh, closed=closed_surface, labels=pieces(closed_surface.mesh))
 
 
-def _alike(mesh: Mesh, record: RepairLog) -> Mesh:
-    turned = turned_faces(edges_of(mesh.faces), len(mesh.faces))
-    if turned is None:
-        raise MeshError(ONE_SIDED)
-    if turned.any():
-        faces = counted(np.count_nonzero(turned), "face")
+def _orient_faces(mesh: Mesh, record: RepairLog) -> Mesh:
+    is_flipped = turned_faces(edges_of(mesh.faces), len(mesh.faces))
+    if is_flipped is None:
+        raise MeshError(ONE_SIDED_MESSAGE)
+    if is_flipped.any():
+        faces = counted(np.count_nonzero(is_flipped), "face")
         record.note(
             f"{faces} of {len(mesh.faces)} flipped against their neighbours.",
             f"{faces} turned to agree with the others.",
         )
-    return flipped(mesh, turned)
+    return flip_faces(mesh, is_flipped)
 
 
-def without_needles(mesh: Mesh, record: RepairLog) -> Mesh:
-    """Return the mesh without faces of no area, and say so."""
-    mesh, flat = without_lines(mesh)
-    if flat:
+def remove_needles(mesh: Mesh, record: RepairLog) -> Mesh:
+    """Return the mesh without faces of no area, and record them."""
+    mesh, flat_count = remove_lines(mesh)
+    if flat_count:
         record.note(
-            f"{counted(flat, 'face')} without area.",
-            f"{counted(flat, 'face')} without area removed, their neighbours split.",
+            f"{counted(flat_count, 'face')} without area.",
+            f"{counted(flat_count, 'face')} without area removed, their neighbours split.",
         )
     return mesh
 
 
-# Bodies among the pieces of a mended surface: what is loose, hidden or beside the largest.
+# Bodies among the pieces of a mended surface: loose, hidden and smaller ones are dropped.
 
-DEBRIS = 0.01  # share of the largest body below which others are crumbs
+DEBRIS_FRACTION = 0.01  # share of the largest body below which others are crumbs
 
 
-def solid_shells(surface: Mended, solid: Mask, record: RepairLog) -> Shells:
+def make_solid_shells(surface: Mended, is_solid: Mask, record: RepairLog) -> Shells:
     """Return the pieces that bound bodies, their normals outward."""
-    loose = int(np.count_nonzero(~solid))
-    if loose:
-        share = surface.areas[~solid].sum() / surface.areas.sum()
+    loose_count = int(np.count_nonzero(~is_solid))
+    if loose_count:
+        fraction = surface.areas[~is_solid].sum() / surface.areas.sum()
         record.note(
-            f"{counted(loose, 'loose piece')} of the surface without volume.",
-            f"{counted(loose, 'loose piece')} removed ({rounded(100 * share, 2)} % of the area).",
+            f"{counted(loose_count, 'loose piece')} of the surface without volume.",
+            f"{counted(loose_count, 'loose piece')} removed ({rounded(100 * fraction, 2)} % of "
+            f"the area).",
         )
-    holes = surface.holes(solid)
+    holes = surface.holes(is_solid)
     if holes:
-        share = surface.filled[solid].sum() / surface.areas[solid].sum()
+        fraction = surface.filled[is_solid].sum() / surface.areas[is_solid].sum()
         record.note(
             f"{counted(holes, 'hole')} in the surface.",
-            f"{counted(holes, 'hole')} filled ({rounded(100 * share, 2)} % of the area).",
+            f"{counted(holes, 'hole')} filled ({rounded(100 * fraction, 2)} % of the area).",
         )
-    kept = submesh(surface.mesh, np.flatnonzero(solid[surface.labels]))
-    shells, wrong = Shells.of(without_needles(kept, record)).outward()
-    if wrong:
-        record.note(f"{counted(wrong, 'piece')} inside out.", f"{counted(wrong, 'piece')} turned.")
+    solid_mesh = submesh(surface.mesh, np.flatnonzero(is_solid[surface.labels]))
+    shells, inverted_count = Shells.of(remove_needles(solid_mesh, record)).orient_outward()
+    if inverted_count:
+        record.note(
+            f"{counted(inverted_count, 'piece')} inside out.",
+            f"{counted(inverted_count, 'piece')} turned.",
+        )
     return shells
 
 
-def without_hidden(shells: Shells, pairs: Index, record: RepairLog) -> Shells:
+def remove_hidden(shells: Shells, pairs: Index, record: RepairLog) -> Shells:
     """Drop the pieces that lie within the material and cross no other piece."""
-    kept = shells.bounding()
-    kept[shells.labels[pairs]] = True
-    hidden = int(np.count_nonzero(~kept))
-    if hidden:
-        solid, inner = (float(shells.volumes[some].sum()) for some in (kept, ~kept))
-        record.note(
-            f"{counted(hidden, 'shell')} within the material.",
-            f"{counted(hidden, 'inner shell')} removed: normals outward make no cavity (volume "
-            f"{rounded(solid, 3)}; turned inward they would leave {rounded(solid - inner, 3)}).",
+    is_bounding = shells.bounding()
+    is_bounding[shells.labels[pairs]] = True
+    hidden_count = int(np.count_nonzero(~is_bounding))
+    if hidden_count:
+        solid_volume, inner_volume = (
+            float(shells.volumes[mask].sum()) for mask in (is_bounding, ~is_bounding)
         )
-    return shells.only(kept)
+        record.note(
+            f"{counted(hidden_count, 'shell')} within the material.",
+            f"{counted(hidden_count, 'inner shell')} removed: normals outward make no cavity "
+            f"(volume "
+            f"{rounded(solid_volume, 3)}; turned inward they would leave "
+            f"{rounded(solid_volume - inner_volume, 3)}).",
+        )
+    return shells.select(is_bounding)
 
 
-def largest_body(shells: Shells, pairs: Index, record: RepairLog) -> Shells:
+def select_largest_body(shells: Shells, pairs: Index, record: RepairLog) -> Shells:
     """Keep the largest body, and note the number and size of the others."""
     body = shells.bodies(pairs)
     volumes = np.bincount(body, weights=shells.volumes)
-    largest = int(volumes.argmax())
-    others = np.delete(volumes, largest) / volumes[largest]
-    debris = int(np.count_nonzero(others < DEBRIS))
-    if debris:
+    largest_number = int(volumes.argmax())
+    others = np.delete(volumes, largest_number) / volumes[largest_number]
+    debris_count = int(np.count_nonzero(others < DEBRIS_FRACTION))
+    if debris_count:
         record.note(
-            f"{counted(debris, 'crumb')} beside the body, below {100 * DEBRIS:g} % of its volume.",
-            f"{counted(debris, 'crumb')} removed.",
+            f"{counted(debris_count, 'crumb')} beside the body, below {100 * DEBRIS_FRACTION:g} % "
+            f"of its volume.",
+            f"{counted(debris_count, 'crumb')} removed.",
         )
-    rest = others[others >= DEBRIS]
-    if len(rest):
+    large_others = others[others >= DEBRIS_FRACTION]
+    if len(large_others):
         record.note(
-            f"{counted(len(rest) + 1, 'separate body')}.",
-            f"The largest taken; {counted(len(rest), 'other')}, up to {100 * rest.max():.0f} % of "
+            f"{counted(len(large_others) + 1, 'separate body')}.",
+            f"The largest taken; {counted(len(large_others), 'other')}, up to "
+            f"{100 * large_others.max():.0f} % of "
             "its volume, left out: part= gives another.",
         )
-    return shells.only(body == largest)
+    return shells.select(body == largest_number)

@@ -25,7 +25,7 @@ class Closed:
     rims: tuple[Index, ...]  # the vertices around each opening
 
 
-def closed(mesh: Mesh, rims: Sequence[Index] | None = None) -> Closed:
+def close_openings(mesh: Mesh, rims: Sequence[Index] | None = None) -> Closed:
     """Fill the openings of a consistently oriented surface, all or the ones within `rims`."""
     # Each loop of open edges is filled from its shortest chords on (ears cut off a polygon). No
     # new edge runs where the surface has one already.
@@ -33,19 +33,19 @@ def closed(mesh: Mesh, rims: Sequence[Index] | None = None) -> Closed:
     if not rims:
         return Closed(mesh=mesh, rims=())
     ends = edges_of(mesh.faces).ends
-    taken = {(a, b) for a, b in ends[np.isin(ends, np.concatenate(rims)).all(axis=1)].tolist()}
-    points, fresh = [mesh.points], []
+    used_edges = {(a, b) for a, b in ends[np.isin(ends, np.concatenate(rims)).all(axis=1)].tolist()}
+    points, new_faces = [mesh.points], []
     count = len(mesh.points)
     for rim in rims:
-        triangles, left = _ears(mesh.points[rim], rim, taken)
-        fresh += triangles
+        triangles, left = _ears(mesh.points[rim], rim, used_edges)
+        new_faces += triangles
         if len(left) > 2:
-            fresh += [(left[i - 1], left[i], count) for i in range(len(left))]
+            new_faces += [(left[i - 1], left[i], count) for i in range(len(left))]
             points.append(mesh.points[left].mean(axis=0, keepdims=True))
             count += 1
-    faces = np.concatenate([mesh.faces, np.array(fresh, dtype=np.int64)])
-    whole = Mesh(points=np.concatenate(points), faces=faces, up=mesh.up)
-    return Closed(mesh=whole, rims=tuple(rims))
+    faces = np.concatenate([mesh.faces, np.array(new_faces, dtype=np.int64)])
+    closed_mesh = Mesh(points=np.concatenate(points), faces=faces, up=mesh.up)
+    return Closed(mesh=closed_mesh, rims=tuple(rims))
 
 
 def loops(faces: Index) -> list[Index]:
@@ -53,43 +53,43 @@ def loops(faces: Index) -> list[Index]:
     # The boundary of a surface is a sum of loops, whatever the surface: through an edge run as
     # many as it has faces more in one direction than in the other.
     edges = edges_of(faces)
-    onward: dict[int, list[int]] = defaultdict(list)
-    unbalanced = np.flatnonzero(edges.balance)
+    next_vertices: dict[int, list[int]] = defaultdict(list)
+    unbalanced_edges = np.flatnonzero(edges.balance)
     for (low, high), balance in zip(
-        edges.ends[unbalanced].tolist(), edges.balance[unbalanced].tolist(), strict=True
+        edges.ends[unbalanced_edges].tolist(), edges.balance[unbalanced_edges].tolist(), strict=True
     ):
         start, end = (high, low) if balance > 0 else (low, high)
-        onward[start] += [end] * abs(balance)
-    found: list[Index] = []
-    for start in list(onward):
-        while onward[start]:
-            found += _walked(start, onward)
-    return found
+        next_vertices[start] += [end] * abs(balance)
+    boundary_loops: list[Index] = []
+    for start in list(next_vertices):
+        while next_vertices[start]:
+            boundary_loops += _walk_loops(start, next_vertices)
+    return boundary_loops
 
 
-def _walked(start: int, onward: dict[int, list[int]]) -> list[Index]:
-    """Walk until the way is back at its start, cutting a loop off wherever it meets itself."""
-    found = []
+def _walk_loops(start: int, next_vertices: dict[int, list[int]]) -> list[Index]:
+    """Walk until the path is back at its start, cutting off a loop wherever it meets itself."""
+    closed_loops = []
     path, place = [start], {start: 0}
-    while onward[path[-1]]:
-        reached = onward[path[-1]].pop()
+    while next_vertices[path[-1]]:
+        reached = next_vertices[path[-1]].pop()
         if reached not in place:
             place[reached] = len(path)
             path.append(reached)
             continue
         loop = path[place[reached] :]
-        found.append(np.array(loop, dtype=np.int64))
+        closed_loops.append(np.array(loop, dtype=np.int64))
         for vertex in loop[1:]:
             del place[vertex]
         del path[place[reached] + 1 :]
-    return found
+    return closed_loops
 
 
 def _ears(
-    points: Array, rim: Index, taken: set[tuple[int, int]]
+    points: Array, rim: Index, used_edges: set[tuple[int, int]]
 ) -> tuple[list[tuple[int, int, int]], list[int]]:
     """Cut ears off a polygon, short chords first; return triangles and the vertices left."""
-    # Of those, every chord is an edge already.
+    # Every chord of the vertices left is an edge already.
     polygon = _Polygon(points, rim)
     queue = [(polygon.cost(i), i, polygon.version[i]) for i in range(len(rim))]
     heapq.heapify(queue)
@@ -98,18 +98,21 @@ def _ears(
         _, ear, version = heapq.heappop(queue)
         if version != polygon.version[ear]:
             continue
-        before, after = polygon.before[ear], polygon.after[ear]
-        chord = tuple(sorted((int(rim[before]), int(rim[after]))))
-        if chord in taken:
+        previous, following = polygon.before[ear], polygon.after[ear]
+        chord = tuple(sorted((int(rim[previous]), int(rim[following]))))
+        if chord in used_edges:
             continue
-        taken.add((chord[0], chord[1]))
-        triangles.append((int(rim[before]), int(rim[ear]), int(rim[after])))
-        for changed in polygon.cut(ear):
-            heapq.heappush(queue, (polygon.cost(changed), changed, polygon.version[changed]))
-    rest = [int(rim[i]) for i in polygon.remaining()]
-    if len(rest) == 3:
-        return [*triangles, (rest[0], rest[1], rest[2])], []
-    return triangles, rest
+        used_edges.add((chord[0], chord[1]))
+        triangles.append((int(rim[previous]), int(rim[ear]), int(rim[following])))
+        for neighbour in polygon.cut(ear):
+            heapq.heappush(queue, (polygon.cost(neighbour), neighbour, polygon.version[neighbour]))
+    remaining_vertices = [int(rim[i]) for i in polygon.remaining()]
+    if len(remaining_vertices) == 3:
+        return [
+            *triangles,
+            (remaining_vertices[0], remaining_vertices[1], remaining_vertices[2]),
+        ], []
+    return triangles, remaining_vertices
 
 
 class _Polygon:
@@ -133,27 +136,27 @@ class _Polygon:
 
     def cut(self, ear: int) -> tuple[int, int]:
         """Take an ear away and return the neighbours that this changes."""
-        before, after = self.before[ear], self.after[ear]
-        self.after[before], self.before[after] = after, before
+        previous, following = self.before[ear], self.after[ear]
+        self.after[previous], self.before[following] = following, previous
         self.version[ear] = -1
-        self.version[before] += 1
-        self.version[after] += 1
+        self.version[previous] += 1
+        self.version[following] += 1
         self.left -= 1
-        return before, after
+        return previous, following
 
     def remaining(self) -> list[int]:
         """Return the corners that have not been cut off, in order round the loop."""
         start = next(i for i, version in enumerate(self.version) if version >= 0)
-        around = [start]
-        while (onward := self.after[around[-1]]) != start:
-            around.append(onward)
-        return around
+        corners = [start]
+        while (corner := self.after[corners[-1]]) != start:
+            corners.append(corner)
+        return corners
 
 
 _PLANE, _ROUND = 0.1, 0.03  # over its size: how far a meant rim leaves a plane, and a circle
-_LEAST_ROUND, _MOST_CORNERS = 8, 8  # vertices of a circle, corners of a cut-out
-_CORNER = np.radians(15.0)
-_LARGE = 0.1  # of the body's extent, from which on a cut-out needs no vertices along its edges
+_MIN_ROUND_VERTICES, _MAX_CORNERS = 8, 8  # vertices of a circle, corners of a cut-out
+_CORNER_ANGLE = np.radians(15.0)
+_LARGE_OPENING = 0.1  # of the extent, above which a cut-out needs no vertices along its edges
 
 
 def is_feature(rim: Array, *, extent: float) -> bool:
@@ -161,115 +164,124 @@ def is_feature(rim: Array, *, extent: float) -> bool:
     # Holes of scans are ragged: their rims follow the triangles that are left.
     centred = rim - rim.mean(axis=0)
     _, _, axes = np.linalg.svd(centred, full_matrices=False)
-    x, y, above = (centred @ axes.T).T
+    x, y, heights = (centred @ axes.T).T
     size = float(np.ptp(centred @ axes.T, axis=0).max())
-    if np.abs(above).max() > _PLANE * size:
+    if np.abs(heights).max() > _PLANE * size:
         return False
     # The circle through points (x, y): x^2 + y^2 = 2 a x + 2 b y + c.
     terms = np.column_stack([2 * x, 2 * y, np.ones_like(x)])
     (a, b, c), *_ = np.linalg.lstsq(terms, x**2 + y**2)
     radius = np.sqrt(max(c + a**2 + b**2, 0.0))
-    off = np.abs(np.hypot(x - a, y - b) - radius)
-    if len(rim) >= _LEAST_ROUND and off.max() <= _ROUND * 2 * radius:
+    deviations = np.abs(np.hypot(x - a, y - b) - radius)
+    if len(rim) >= _MIN_ROUND_VERTICES and deviations.max() <= _ROUND * 2 * radius:
         return True
     steps = np.roll(centred, -1, axis=0) - centred
-    ahead = steps / np.linalg.norm(steps, axis=1)[:, None]
-    turns = np.arccos(np.clip(np.sum(ahead * np.roll(ahead, 1, axis=0), axis=1), -1, 1))
-    corners = int(np.count_nonzero(turns > _CORNER))
-    straight = 4 <= corners <= _MOST_CORNERS and np.all(turns[turns <= _CORNER] < _CORNER / 3)
-    return bool(straight and (len(rim) >= 2 * corners or size >= _LARGE * extent))
+    directions = steps / np.linalg.norm(steps, axis=1)[:, None]
+    angles = np.arccos(np.clip(np.sum(directions * np.roll(directions, 1, axis=0), axis=1), -1, 1))
+    corners = int(np.count_nonzero(angles > _CORNER_ANGLE))
+    is_straight = 4 <= corners <= _MAX_CORNERS and np.all(
+        angles[angles <= _CORNER_ANGLE] < _CORNER_ANGLE / 3
+    )
+    return bool(is_straight and (len(rim) >= 2 * corners or size >= _LARGE_OPENING * extent))
 
 
-_SHARES = (1e-7, 1e-6, 1e-5, 1e-4)  # distances of vertices that may become one, over the extent
-_SHARE_OF_EDGE = 0.1  # of a typical edge, by which vertices may move
-_THINNEST_FACE = 1e-12  # height over longest side of a triangle below which it is a line
+# Distances of vertices that may become one, over the extent.
+_WELD_DISTANCES = (1e-7, 1e-6, 1e-5, 1e-4)
+_MAX_EDGE_FRACTION = 0.1  # of a typical edge, by which vertices may move
+_MIN_HEIGHT_RATIO = 1e-12  # height over longest side of a triangle below which it is a line
 
 
-def open_edges(mesh: Mesh) -> int:
+def count_open_edges(mesh: Mesh) -> int:
     """Return how many edges belong to one face only."""
     return int(np.count_nonzero(edges_of(mesh.faces).faces_at == 1))
 
 
-def sewn(mesh: Mesh) -> tuple[Mesh, float]:
+def sew(mesh: Mesh) -> tuple[Mesh, float]:
     """Merge near vertices where that closes at least half of the open edges; return how far, m."""
-    best, left, used = mesh, open_edges(mesh), 0.0
+    best_mesh, open_count, used_distance = mesh, count_open_edges(mesh), 0.0
     lengths = np.linalg.norm(
         mesh.points[mesh.faces] - mesh.points[np.roll(mesh.faces, 1, axis=1)], axis=2
     )
-    furthest = _SHARE_OF_EDGE * float(np.median(lengths))
-    for distance in (share * mesh.extent for share in _SHARES):
-        if not left or distance > furthest:
+    max_distance = _MAX_EDGE_FRACTION * float(np.median(lengths))
+    for distance in (fraction * mesh.extent for fraction in _WELD_DISTANCES):
+        if not open_count or distance > max_distance:
             break
-        trial = _merged(mesh, distance)
-        remain = left if trial is None else open_edges(trial)
-        if trial is not None and remain <= left / 2:
-            best, left, used = trial, remain, distance
-    return best, used
+        trial = _merge_vertices(mesh, distance)
+        remaining_count = open_count if trial is None else count_open_edges(trial)
+        if trial is not None and remaining_count <= open_count / 2:
+            best_mesh, open_count, used_distance = trial, remaining_count, distance
+    return best_mesh, used_distance
 
 
-def _merged(mesh: Mesh, distance: float) -> Mesh | None:
+def _merge_vertices(mesh: Mesh, distance: float) -> Mesh | None:
     """Merge vertices within `distance` of each other and drop faces that this collapses."""
     pairs = KDTree(mesh.points).query_pairs(distance, output_type="ndarray")
     labels = components(pairs.astype(np.int64), len(mesh.points))
     faces = np.unique(labels, return_index=True)[1][labels][mesh.faces]
-    whole = np.all(faces != np.roll(faces, 1, axis=1), axis=1)
-    if not whole.any():
+    is_whole = np.all(faces != np.roll(faces, 1, axis=1), axis=1)
+    if not is_whole.any():
         return None
-    return submesh(Mesh(points=mesh.points, faces=faces, up=mesh.up), np.flatnonzero(whole))
+    return submesh(Mesh(points=mesh.points, faces=faces, up=mesh.up), np.flatnonzero(is_whole))
 
 
-def single(mesh: Mesh) -> tuple[Mesh, int]:
+def remove_repeated(mesh: Mesh) -> tuple[Mesh, int]:
     """Return the mesh without repeated faces, and how many went."""
-    # Of faces on the same three vertices one stays: or none where they face each other and the
+    # One of the faces on the same three vertices stays; or none if they face each other and the
     # surface closes better without, as between two bodies that share a wall.
-    first, repeats, net = _repeats(mesh.faces)
+    first, repeats, net = _group_repeated(mesh.faces)
     if len(first) == len(mesh.faces):
         return mesh, 0
     choices = [first, first[(repeats == 1) | (net != 0)]]
-    known = (each for each in choices if len(each))
-    kept = min(known, key=lambda each: np.count_nonzero(edges_of(mesh.faces[each]).faces_at != 2))
-    return submesh(mesh, np.sort(kept)), len(mesh.faces) - len(kept)
+    nonempty_choices = (choice for choice in choices if len(choice))
+    selected = min(
+        nonempty_choices,
+        key=lambda choice: np.count_nonzero(edges_of(mesh.faces[choice]).faces_at != 2),
+    )
+    return submesh(mesh, np.sort(selected)), len(mesh.faces) - len(selected)
 
 
-def _repeats(faces: Index) -> tuple[Index, Index, Index]:
+def _group_repeated(faces: Index) -> tuple[Index, Index, Index]:
     """Return the first face on each three vertices, how many there are, and their net turn."""
-    ordered = np.sort(faces, axis=1)
-    even = (
+    sorted_faces = np.sort(faces, axis=1)
+    is_even = (
         (faces[:, 0] < faces[:, 1]).astype(int)
         + (faces[:, 1] < faces[:, 2])
         + (faces[:, 2] < faces[:, 0])
     ) == 2
-    _, first, inverse, repeats = np.unique(
-        ordered, axis=0, return_index=True, return_inverse=True, return_counts=True
+    _, first, group_numbers, repeats = np.unique(
+        sorted_faces, axis=0, return_index=True, return_inverse=True, return_counts=True
     )
-    net = np.bincount(inverse.ravel(), weights=np.where(even, 1, -1)).astype(np.int64)
+    net = np.bincount(group_numbers.ravel(), weights=np.where(is_even, 1, -1)).astype(np.int64)
     return first, repeats, net
 
 
-def lines(mesh: Mesh) -> Mask:
-    """Return which faces are lines but for rounding (F,)."""
+def find_lines(mesh: Mesh) -> Mask:
+    """Return which faces are lines up to rounding (F,)."""
     corners = mesh.points[mesh.faces]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    return 2 * mesh.areas <= _THINNEST_FACE * longest**2
+    return 2 * mesh.areas <= _MIN_HEIGHT_RATIO * longest**2
 
 
-def without_lines(mesh: Mesh) -> tuple[Mesh, int]:
+def remove_lines(mesh: Mesh) -> tuple[Mesh, int]:
     """Return the mesh without faces of no area, and how many went."""
     # The vertex in the middle of such a face splits the neighbour at its longest side instead.
-    # Faces must be oriented alike.
-    flat = np.flatnonzero(lines(mesh))
-    if not len(flat):
+    # Faces must be oriented consistently.
+    flat_faces = np.flatnonzero(find_lines(mesh))
+    if not len(flat_faces):
         return mesh, 0
-    split = _Split(mesh)
-    for _ in range(len(flat)):
-        still = [face for face in flat if split.remove(int(face))]
-        if len(still) in {0, len(flat)}:
+    splitter = _Split(mesh)
+    for _ in range(len(flat_faces)):
+        waiting_faces = [face for face in flat_faces if splitter.remove(int(face))]
+        if len(waiting_faces) in {0, len(flat_faces)}:
             break
-        flat = np.array(still)
-    kept = submesh(
-        Mesh(points=mesh.points, faces=split.faces, up=mesh.up), np.flatnonzero(split.kept)
+        flat_faces = np.array(waiting_faces)
+    remaining_mesh = submesh(
+        Mesh(points=mesh.points, faces=splitter.faces, up=mesh.up),
+        np.flatnonzero(splitter.is_remaining),
     )
-    return kept, int(np.count_nonzero(lines(mesh)) - np.count_nonzero(lines(kept)))
+    return remaining_mesh, int(
+        np.count_nonzero(find_lines(mesh)) - np.count_nonzero(find_lines(remaining_mesh))
+    )
 
 
 class _Split:
@@ -278,7 +290,7 @@ class _Split:
     def __init__(self, mesh: Mesh) -> None:
         self._points = mesh.points
         self.faces = mesh.faces.copy()
-        self.kept = np.ones(len(self.faces), bool)
+        self.is_remaining = np.ones(len(self.faces), bool)
         self._at = {
             (int(a), int(b)): number
             for number, (i, j, k) in enumerate(mesh.faces.tolist())
@@ -287,24 +299,24 @@ class _Split:
 
     def remove(self, number: int) -> bool:
         """Take out a face without area; return whether it has to wait for others."""
-        if not self.kept[number]:
+        if not self.is_remaining[number]:
             return False
         a, b, c = self._from_longest(number)
-        other = self._at.get((a, c))
-        if other is None:
+        neighbour = self._at.get((a, c))
+        if neighbour is None:
             self._forget(number)
             return False
-        d = next((int(v) for v in self.faces[other] if v not in {a, c}), b)
+        d = next((int(v) for v in self.faces[neighbour] if v not in {a, c}), b)
         if d == b:
             self._forget(number)
-            self._forget(other)
+            self._forget(neighbour)
             return False
         if (b, d) in self._at or (d, b) in self._at:
             return True
         self._forget(number)
-        self._forget(other)
+        self._forget(neighbour)
         self._put(number, (a, b, d))
-        self._put(other, (b, c, d))
+        self._put(neighbour, (b, c, d))
         return False
 
     def _from_longest(self, number: int) -> tuple[int, int, int]:
@@ -319,10 +331,10 @@ class _Split:
         for side in ((i, j), (j, k), (k, i)):
             if self._at.get(side) == number:
                 del self._at[side]
-        self.kept[number] = False
+        self.is_remaining[number] = False
 
     def _put(self, number: int, corners: tuple[int, int, int]) -> None:
         i, j, k = corners
         self.faces[number] = corners
         self._at |= {(i, j): number, (j, k): number, (k, i): number}
-        self.kept[number] = True
+        self.is_remaining[number] = True

@@ -16,7 +16,13 @@ from scipy.spatial import KDTree
 
 from struck.errors import MeshError, rounded
 from struck.model.arrays import Array, Index, Mask
-from struck.solids.hexahedra import QuadrilateralSheet, angles, merged, quadrilaterals, stacked
+from struck.solids.hexahedra import (
+    QuadrilateralSheet,
+    angles,
+    merge_meshes,
+    quadrilaterals,
+    stack_layers,
+)
 from struck.solids.meridian import (
     INSET,
     Contour,
@@ -24,7 +30,7 @@ from struck.solids.meridian import (
     MeridianCurve,
     Patch,
     Points,
-    revolved,
+    revolve,
     segment,
 )
 
@@ -38,7 +44,7 @@ _ON_AXIS, _TOUCHING = 1e-9, 1e-5  # over the largest radius, and that of the col
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Turned:
+class LatheSolid:
     """A solid between the axis and a curve from bottom to top; ends off the axis are flat."""
 
     side: MeridianCurve
@@ -62,7 +68,7 @@ class Turned:
 
     def check(self) -> None:
         """Raise MeshError where the side reaches the axis between its ends, or runs downward."""
-        r, z = self._sampled.T
+        r, z = self._samples.T
         inner = slice(1, -1)
         if r[inner].min(initial=np.inf) <= _ON_AXIS * r.max():
             place = z[1 + int(np.argmin(r[inner]))]
@@ -77,7 +83,7 @@ class Turned:
             )
 
     @property
-    def _sampled(self) -> Array:
+    def _samples(self) -> Array:
         return self.side.at(self._positions)
 
     @property
@@ -87,25 +93,28 @@ class Turned:
     def mesh(self, counts: Counts) -> tuple[Array, Index]:
         """Return nodes (N, 3) and 20-node hexahedra (E, 20)."""
         radius, first, last = self._column()
-        sheet, levels = self._around_column(radius, first, last, self.length / counts.along)
+        sheet, levels = self._mesh_outside_column(radius, first, last, self.length / counts.along)
         column = Patch(
-            at=self._inside(radius, first, last), along=np.array([0.0, 1.0]), across=levels, rings=1
+            at=self._column_map(radius, first, last),
+            along=np.array([0.0, 1.0]),
+            across=levels,
+            rings=1,
         )
-        nodes, elements = revolved([column], counts.around)
-        turned = stacked(sheet, np.append(angles(counts.around), 7 * np.pi / 4))
-        z, r, angle = turned[0].T
-        spun = np.column_stack([r * np.cos(angle), r * np.sin(angle), z])
-        return merged([nodes, spun], [elements, turned[1]])
+        nodes, elements = revolve([column], counts.around)
+        ring = stack_layers(sheet, np.append(angles(counts.around), 7 * np.pi / 4))
+        z, r, angle = ring[0].T
+        ring_nodes = np.column_stack([r * np.cos(angle), r * np.sin(angle), z])
+        return merge_meshes([nodes, ring_nodes], [elements, ring[1]])
 
     def _column(self) -> tuple[float, float, float]:
         """Return the column's radius, and where along the side it leaves and meets the side."""
-        at, r = self._positions, self._sampled[:, 0]
+        at, r = self._positions, self._samples[:, 0]
         waists = (r[1:-1] <= r[:-2]) & (r[1:-1] <= r[2:])
         flats = r[[0, -1]] > _ON_AXIS * r.max()
-        narrowest = np.min(np.append(r[1:-1][waists], r[[0, -1]][flats]), initial=np.inf)
-        radius = min(_COLUMN * float(r.max()), _WAIST * float(narrowest))
-        beyond = np.flatnonzero(r >= radius)
-        first, last = int(beyond[0]), int(beyond[-1])
+        waist_radius = np.min(np.append(r[1:-1][waists], r[[0, -1]][flats]), initial=np.inf)
+        radius = min(_COLUMN * float(r.max()), _WAIST * float(waist_radius))
+        outer_samples = np.flatnonzero(r >= radius)
+        first, last = int(outer_samples[0]), int(outer_samples[-1])
         ends = [
             float(np.interp(radius, r[[inner, outer]], at[[inner, outer]]))
             for inner, outer in ((max(first - 1, 0), first), (min(last + 1, len(r) - 1), last))
@@ -118,9 +127,9 @@ class Turned:
             )
         return radius, ends[0], ends[1]
 
-    def _inside(self, radius: float, first: float, last: float) -> Map:
+    def _column_map(self, radius: float, first: float, last: float) -> Map:
         """Return the map from u outward and v upward to (r, z) in the column."""
-        at, points = self._positions, self._sampled
+        at, points = self._positions, self._samples
         ends = self.side.at(np.array([first, last]))
         caps = []
         for chosen, end in ((at < first, ends[0]), (at > last, ends[1])):
@@ -128,59 +137,67 @@ class Turned:
             order = np.argsort(r)
             caps.append((np.append(r[order], radius), np.append(z[order], end[1])))
 
-        def inside(u: Array, v: Array) -> Array:
+        def map_column(u: Array, v: Array) -> Array:
             low, high = (np.interp(u * radius, *cap) for cap in caps)
             return np.stack([u * radius, (1 - v) * low + v * high], axis=-1)
 
-        return inside
+        return map_column
 
-    def _around_column(
+    def _mesh_outside_column(
         self, radius: float, first: float, last: float, size: float
     ) -> tuple[QuadrilateralSheet, Array]:
         """Return quadrilaterals in (z, r) outside the column, and levels where they meet it."""
         curve = self.side.at(self._strides(first, last, size))
         low, high = curve[[0, -1]] * (0, 1) + (radius, 0)
         # Where the side leaves the column there is no flat between.
-        apart = np.abs(curve[[0, -1], 0] - radius) > _TOUCHING * radius
-        loop = np.vstack([low, curve[1 - apart[0] : len(curve) - 1 + apart[1]], high])
+        has_flat = np.abs(curve[[0, -1], 0] - radius) > _TOUCHING * radius
+        loop = np.vstack([low, curve[1 - has_flat[0] : len(curve) - 1 + has_flat[1]], high])
         sheet = quadrilaterals((loop[:, ::-1],), size)
         z, r = sheet.points.T
-        shared = np.abs(r - radius) <= _ON_AXIS * radius
-        levels = (np.sort(z[shared]) - low[1]) / (high[1] - low[1])
-        return replace(sheet, points=self._on_side(sheet, shared, curve[[0, -1], 1], size)), levels
+        is_shared = np.abs(r - radius) <= _ON_AXIS * radius
+        levels = (np.sort(z[is_shared]) - low[1]) / (high[1] - low[1])
+        return replace(
+            sheet, points=self._move_onto_side(sheet, is_shared, curve[[0, -1], 1], size)
+        ), levels
 
     def _strides(self, first: float, last: float, size: float) -> Array:
         """Return positions along the side at most `size` apart, and closer where it bends."""
         breaks = self.breaks[(self.breaks > first) & (self.breaks < last)]
         breaks = np.concatenate([[first], breaks, [last]])
-        found = [breaks[:1]]
+        parts = [breaks[:1]]
         for start, end in pairwise(breaks):
             at = np.linspace(start, end, _DENSE)
             steps = np.diff(self.side.at(at), axis=0)
             angle = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
-            turned = np.abs(np.diff(angle, prepend=angle[0])) / _BEND
-            strides = np.cumsum(np.maximum(np.linalg.norm(steps, axis=1) / size, turned))
+            bends = np.abs(np.diff(angle, prepend=angle[0])) / _BEND
+            strides = np.cumsum(np.maximum(np.linalg.norm(steps, axis=1) / size, bends))
             count = math.ceil(strides[-1])
-            found.append(np.interp(np.linspace(0, strides[-1], count + 1)[1:], strides, at[1:]))
-        return np.concatenate(found)
+            parts.append(np.interp(np.linspace(0, strides[-1], count + 1)[1:], strides, at[1:]))
+        return np.concatenate(parts)
 
-    def _on_side(self, sheet: QuadrilateralSheet, shared: Mask, flats: Array, size: float) -> Array:
+    def _move_onto_side(
+        self, sheet: QuadrilateralSheet, shared: Mask, flats: Array, size: float
+    ) -> Array:
         """Return the nodes (N, 2), moved onto the side where they are near it."""
         edges, counts = np.unique(np.sort(_edges(sheet), axis=1), axis=0, return_counts=True)
-        bound = np.zeros(len(sheet.points), bool)
-        bound[edges[counts == 1]] = True
-        level = np.abs(sheet.points[:, :1] - flats).min(axis=1) <= _ON_AXIS * size
-        moved = np.flatnonzero(bound & ~shared & ~level)
-        at, points = self._positions, self._sampled[:, ::-1]
-        _, nearest = KDTree(points).query(sheet.points[moved])
-        nearest = np.clip(nearest, 1, len(at) - 2)
-        # Foot of the perpendicular on the chord beside the nearest sample, then on the curve.
-        start, end = points[nearest - 1], points[nearest + 1]
-        along = end - start
-        share = np.sum((sheet.points[moved] - start) * along, axis=1) / np.sum(along**2, axis=1)
-        place = at[nearest - 1] + np.clip(share, 0, 1) * (at[nearest + 1] - at[nearest - 1])
+        is_boundary = np.zeros(len(sheet.points), bool)
+        is_boundary[edges[counts == 1]] = True
+        is_level = np.abs(sheet.points[:, :1] - flats).min(axis=1) <= _ON_AXIS * size
+        side_nodes = np.flatnonzero(is_boundary & ~shared & ~is_level)
+        at, points = self._positions, self._samples[:, ::-1]
+        _, nearest_samples = KDTree(points).query(sheet.points[side_nodes])
+        nearest_samples = np.clip(nearest_samples, 1, len(at) - 2)
+        # Foot of the perpendicular on the chord at the nearest sample, then on the curve.
+        start, end = points[nearest_samples - 1], points[nearest_samples + 1]
+        chords = end - start
+        fractions = np.sum((sheet.points[side_nodes] - start) * chords, axis=1) / np.sum(
+            chords**2, axis=1
+        )
+        place = at[nearest_samples - 1] + np.clip(fractions, 0, 1) * (
+            at[nearest_samples + 1] - at[nearest_samples - 1]
+        )
         result = sheet.points.copy()
-        result[moved] = self.side.at(place)[:, ::-1]
+        result[side_nodes] = self.side.at(place)[:, ::-1]
         return result
 
     def places(self) -> Points:
@@ -191,5 +208,5 @@ class Turned:
 
 def _edges(sheet: QuadrilateralSheet) -> Index:
     """Return the two halves of each side of the quadrilaterals (8 Q, 2)."""
-    around = sheet.quads[:, [0, 4, 1, 5, 2, 6, 3, 7]]
-    return np.stack([around, np.roll(around, -1, axis=1)], axis=-1).reshape(-1, 2)
+    outline_nodes = sheet.quads[:, [0, 4, 1, 5, 2, 6, 3, 7]]
+    return np.stack([outline_nodes, np.roll(outline_nodes, -1, axis=1)], axis=-1).reshape(-1, 2)
