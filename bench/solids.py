@@ -129,7 +129,7 @@ def stages(case: Case, path: Path) -> tuple[str, dict[str, Cost]]:
     watch, surface = Stopwatch(), bird()
     FilledBody.depths = watch.within("distance", FilledBody.depths)
     watch("mesh")
-    most = dict.fromkeys(("most", "thin", "crowded"), 200_000)
+    most = dict.fromkeys(("max_nodes", "max_thin_nodes", "simplify_above"), 200_000)
     goal = filling.Accuracy(nodes=case.asked, error=1.0, **most)
     filling.ACCURACIES = {**filling.ACCURACIES, "fine": goal}
     mesh = filling.fill_body(FilledBody(mesh=surface, wall=WALL), "fine")

@@ -99,28 +99,28 @@ class StandingWaves:
         cosine, high, sine, rise = self.at_end()
         phase = self.first * self.span
         swing, growth = cosine * sine / phase, high * rise / phase
-        middle = level(self.second, self.span, np.zeros(1)) ** 2
+        origin_square = level(self.second, self.span, np.zeros(1)) ** 2
         mixed = phase * (1 + self.ratio)
         even = _stack_symmetric(
             (1 + swing) / 2,
             (sine * high + self.ratio * cosine * rise) / mixed,
-            (middle + growth) / 2,
+            (origin_square + growth) / 2,
         )
         odd = _stack_symmetric(
             (1 - swing) / 2,
             (sine * high - cosine * rise) / mixed,
-            self._mean_square_of_rise(middle, growth),
+            self._mean_square_of_rise(origin_square, growth),
         )
         return even, odd
 
-    def _mean_square_of_rise(self, middle: Array, growth: Array) -> Array:
+    def _mean_square_of_rise(self, origin_square: Array, growth: Array) -> Array:
         argument = self.second * self.span**2
         is_slow = np.abs(argument) < _SERIES_BOUNDARY
         series = 1 / 3 + argument * (1 / 15 + argument * (2 / 315 + argument / 2835))
         return np.where(
             is_slow,
-            (self.first * self.span) ** 2 * middle * series,
-            (growth - middle) / (2 * np.where(is_slow, 1.0, self.ratio)),
+            (self.first * self.span) ** 2 * origin_square * series,
+            (growth - origin_square) / (2 * np.where(is_slow, 1.0, self.ratio)),
         )
 
 
@@ -312,9 +312,9 @@ def _bisect(count: Callable[[Array], Index], numbers: Index, low: Array, high: A
     """Return the values at which a count first reaches each of `numbers`, by bisection."""
     lows, highs = np.full(len(numbers), low[0]), np.full(len(numbers), high[0])
     for _ in range(_HALVINGS):
-        middle = (lows + highs) / 2
-        reached = count(middle) >= numbers
-        lows, highs = np.where(reached, lows, middle), np.where(reached, middle, highs)
+        midpoints = (lows + highs) / 2
+        reached = count(midpoints) >= numbers
+        lows, highs = np.where(reached, lows, midpoints), np.where(reached, midpoints, highs)
     return (lows + highs) / 2
 
 
@@ -387,7 +387,7 @@ def bending(beam: Beam, ends: tuple[str, str], max_eigenvalue: float, length: fl
     order = np.argsort(eigenvalues, kind="stable")
     waves = StandingWaves.at(beam, eigenvalues[order], kinds[0].span)
     amplitudes = np.concatenate([one for _, one in family_modes])[order]
-    amplitudes, shares = _normalise(waves, amplitudes)
+    amplitudes, shear_ratios = _normalise(waves, amplitudes)
     forms = BendingForms(
         length=length,
         origin=origin,
@@ -396,7 +396,7 @@ def bending(beam: Beam, ends: tuple[str, str], max_eigenvalue: float, length: fl
         second=waves.second,
         amplitudes=_deflections(waves, amplitudes),
     )
-    return Bending(squared=waves.squared, forms=forms, shear_shares=shares)
+    return Bending(squared=waves.squared, forms=forms, shear_shares=shear_ratios)
 
 
 def _normalise(waves: StandingWaves, amplitudes: Array) -> tuple[Array, Array]:
@@ -414,8 +414,8 @@ def _normalise(waves: StandingWaves, amplitudes: Array) -> tuple[Array, Array]:
     force = mean_square(odd * np.hstack([one, -one]), even)
     beam, wave = waves.beam, waves.first**2
     energy = deflection + beam.rotary * wave * turning
-    shares = beam.shear * waves.squared / wave * force / energy
-    return amplitudes / np.sqrt(energy)[:, None], shares
+    shear_ratios = beam.shear * waves.squared / wave * force / energy
+    return amplitudes / np.sqrt(energy)[:, None], shear_ratios
 
 
 def _sum_products(products: Array, amplitudes: Array) -> Array:

@@ -258,18 +258,18 @@ class CircularPlate(Shape):
         max_root = math.sqrt(highest / unit)
         require_countable("plate", math.pi, max_root, highest)
         orders, sines, roots = expand_pairs(plate_roots(self.edge, max_root, nu))
-        shares = plate_overestimate(roots * self.thickness / self.radius, nu)
+        overestimates = plate_overestimate(roots * self.thickness / self.radius, nu)
         forms, slopes = plate_forms(self.edge, self.radius, (orders, sines), roots, nu)
         return Vibration(
             frequencies=unit * roots**2,
             forms=forms,
             poisson_slopes=slopes + nu / (1 - nu**2),
             errors=np.full(len(roots), _ROUNDING),
-            overstated=shares,
+            overstated=overestimates,
             half_wave=math.pi * self.radius / float(roots.max(initial=math.pi)),
             method=f"circular plate, {self.edge}: Kirchhoff's theory, roots counted by their signs",
             references=("leissa1969", "mindlin1951"),
-            details=thinness(self.thickness, self.radius, shares),
+            details=thinness(self.thickness, self.radius, overestimates),
         )
 
     def solid(self) -> Counterpart:

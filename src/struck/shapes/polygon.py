@@ -200,14 +200,14 @@ class Pencil:
 
     def _slice(self, low: float, high: float, low_count: int, up_to: int) -> Array:
         """Return the eigenvalues between two values with known numbers of eigenvalues below."""
-        middle = (low + high) / 2
-        factor = self.factorise(self._shift(middle))
+        shift = (low + high) / 2
+        factor = self.factorise(self._shift(shift))
         if up_to == low_count:
             return np.zeros(0)
         pairs = block_lanczos(
             factor.solve,
             cast("Mass", self.mass),  # only multiplies
-            middle,
+            shift,
             up_to - factor.negative,
             np.zeros((self.mass.shape[0], 0)),
             below=factor.negative - low_count,
@@ -246,10 +246,10 @@ class Polygon:
     def marks(self) -> Mapping[str, tuple[float, float]]:
         """Return places by name, m: deep inside the polygon, and 1 % of the extent off edges."""
         top, edge = _find_deepest_point(self.corners), int(np.argmax(self.lengths))
-        middle = (self.corners[edge] + self.corners[(edge + 1) % len(self.corners)]) / 2
+        midpoint = (self.corners[edge] + self.corners[(edge + 1) % len(self.corners)]) / 2
         corner = self.corners[np.argmax(np.linalg.norm(self.corners - top, axis=1))]
         inner_places = {
-            "edge": _find_inner_place(self, middle),
+            "edge": _find_inner_place(self, midpoint),
             "corner": _find_inner_place(self, corner),
         }
         places = {"top": top, "middle": top, **inner_places}
@@ -352,7 +352,7 @@ def plan_of(corners: Array) -> Polygon:
     """Return the plan of a simple polygon (n, 2) given in either direction round."""
     corners = corners if signed_area(corners) > 0 else corners[::-1]
     corners = corners[np.abs(inner_angles(corners) - np.pi) > _SMALLEST_BEND]
-    ears = _cut(corners)
+    ears = _cut_ears(corners)
     return Polygon(corners=corners, ears=ears, bearings=_bearings(corners, ears))
 
 
@@ -372,7 +372,7 @@ def inner_angles(corners: Array) -> Array:
     ) % (2 * np.pi)
 
 
-def _cut(corners: Array) -> Index:
+def _cut_ears(corners: Array) -> Index:
     """Cut off the roundest ear, again and again (Meisters 1975: there always is one)."""
     left, ears = list(range(len(corners))), []
     while len(left) > 3:

@@ -42,7 +42,7 @@ def spectrum(
     """Return all eigenvalues up to `max_eigenvalue`, 1/m^2, of a polygon (n, 2), m."""
     plan = plan_of(corners)
     estimates = _upper_bounds(plan, max_eigenvalue, progress)
-    estimates = estimates[: _cut(estimates, max_eigenvalue) + 2]
+    estimates = estimates[: _find_cut(estimates, max_eigenvalue) + 2]
     if len(estimates) < 2:
         none = np.zeros(0, np.int64)
         empty = Basis(plan=plan, centres=none, counts=none, sources=np.zeros((0, 2)), highest=0.0)
@@ -79,7 +79,7 @@ def _upper_bounds(plan: Polygon, max_eigenvalue: float, progress: Progress) -> A
     )
 
 
-def _cut(estimates: Array, max_eigenvalue: float) -> int:
+def _find_cut(estimates: Array, max_eigenvalue: float) -> int:
     """Return the number of the last eigenvalue below the widest gap above `max_eigenvalue`."""
     first_index = max(
         int(np.searchsorted(estimates, max_eigenvalue * (1 + _ESTIMATE_ERROR))) - 1, 0
@@ -162,8 +162,8 @@ def _refine_all(trial: Trial, estimates: Array, progress: Progress = silent) -> 
         for group in groups:
             progress("refining the modes", group[0] / len(estimates))
             if group not in refined_groups:
-                middle = float(estimates[slice(*group)].mean())
-                refined_groups[group] = refine(trial, middle, group[1] - group[0], min_gap)
+                group_mean = float(estimates[slice(*group)].mean())
+                refined_groups[group] = refine(trial, group_mean, group[1] - group[0], min_gap)
         group_modes = [refined_groups[group] for group in groups]
         errors = [mode.error for part in group_modes for mode in part]
         min_gap = float(np.clip(_GAP_IN_ERRORS * max(errors), _MIN_GAP, _MAX_GAP))

@@ -197,7 +197,7 @@ def bend(x_axis: PolynomialAxis, y_axis: PolynomialAxis, poisson_ratio: float) -
     eigenvalues = np.concatenate([block.squared for block in blocks])
     rigid_count = _RIGID_MOTIONS.get((x_axis.rigid, y_axis.rigid), 0)
     order = np.argsort(eigenvalues, kind="stable")[rigid_count:]
-    _require_apart(eigenvalues, rigid_count)
+    _require_gap(eigenvalues, rigid_count)
     first_indices = np.concatenate(
         [np.tile(block.start, (len(block.squared), 1)) for block in blocks]
     )
@@ -276,7 +276,7 @@ def _solve(stiffness: Array, scale: float) -> tuple[Array, Array]:
     return eigenvalues, np.asarray(vectors / np.linalg.norm(vectors, axis=0), np.float64)
 
 
-def _require_apart(eigenvalues: Array, rigid_count: int) -> None:
+def _require_gap(eigenvalues: Array, rigid_count: int) -> None:
     low_values = np.sort(eigenvalues)[: rigid_count + 1]
     if rigid_count and not np.abs(low_values[:-1]).max() < _ZERO * low_values[-1]:
         raise SolverError(
@@ -377,19 +377,19 @@ class RectangularPlate(Shape):
         wavenumber = math.sqrt(highest / unit)
         plate, errors, degrees = self._converge(wavenumber, nu)
         in_band = np.flatnonzero(plate.squared <= wavenumber**4)
-        shares = plate_overestimate(plate.squared[in_band] ** 0.25 * self.thickness, nu)
+        overestimates = plate_overestimate(plate.squared[in_band] ** 0.25 * self.thickness, nu)
         return Vibration(
             frequencies=unit * np.sqrt(plate.squared[in_band]),
             forms=plate.forms.chosen(in_band),
             poisson_slopes=nu / (1 - nu**2) + plate.slopes[in_band] / (2 * plate.squared[in_band]),
             errors=errors[in_band],
-            overstated=shares,
+            overstated=overestimates,
             half_wave=math.pi
             / max(plate.squared[in_band].max(initial=0.0) ** 0.25, math.pi / self.extent),
             method=f"rectangular plate, {', '.join(self.around)}: Kirchhoff's theory by Ritz",
             references=("leissa1969",),
             details={"polynomials": degrees}
-            | thinness(self.thickness, min(self.length, self.width) / 2, shares),
+            | thinness(self.thickness, min(self.length, self.width) / 2, overestimates),
         )
 
     def solid(self) -> Counterpart:

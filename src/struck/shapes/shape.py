@@ -46,10 +46,16 @@ def plate_overestimate(phases: Array, poisson_ratio: float) -> Array:
     return np.sqrt(1 + phases**2 * (1 / 12 + 1 / (5 * (1 - poisson_ratio)))) - 1
 
 
-def thinness(thickness: float, half: float, shares: Array) -> dict[str, object]:
+def thinness(thickness: float, half: float, overestimates: Array) -> dict[str, object]:
     """Return details of a plate, with its radius or half side, m, and how much is overstated."""
     details: dict[str, object] = {"thickness over radius or half side": thickness / half}
-    ends = dict(zip(("lowest", "highest"), shares[[0, -1]] if len(shares) else (), strict=False))
+    ends = dict(
+        zip(
+            ("lowest", "highest"),
+            overestimates[[0, -1]] if len(overestimates) else (),
+            strict=False,
+        )
+    )
     details |= {f"{end} frequency overstated by": float(ratio) for end, ratio in ends.items()}
     if thickness > _THIN_RATIO * half:
         notes = [f"the {end} frequency by about {ratio:.1%}" for end, ratio in ends.items()]

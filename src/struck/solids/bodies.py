@@ -101,10 +101,10 @@ class Extrusion:
         extent inside the corner farthest out; "side": the middle of the longest edge's face.
         """
         loops = self._loops
-        middle, side = _find_deepest_place(loops), _middle_of_longest_edge(loops[0])
+        place, side = _find_deepest_place(loops), _midpoint_of_longest_edge(loops[0])
         places = {
-            "top": (*middle, self.height),
-            "bottom": (*middle, 0.0),
+            "top": (*place, self.height),
+            "bottom": (*place, 0.0),
             "corner": (*_find_place_near_corner(loops), self.height),
             "side": (*side, self.height / 2),
         }
@@ -154,7 +154,7 @@ def _find_deepest_place(loops: Loops) -> Array:
     return deep[np.argmin(np.linalg.norm(deep - (low + high) / 2, axis=1))]
 
 
-def _middle_of_longest_edge(loop: Array) -> Array:
+def _midpoint_of_longest_edge(loop: Array) -> Array:
     steps = np.roll(loop, -1, axis=0) - loop
     longest = np.argmax(np.linalg.norm(steps, axis=1))
     return loop[longest] + steps[longest] / 2

@@ -147,7 +147,7 @@ def quadrilaterals(loops: Loops, size: float) -> QuadrilateralSheet:
     # The edges are smaller where corners stand closer together.
     points, triangles, boundary = triangulate(loops, 2 * size)
     pairs, single = _pair_triangles(points, triangles)
-    points, corners = _cut(points, [pairs, single], boundary)
+    points, corners = _cut_polygons(points, [pairs, single], boundary)
     return make_sheet(_smooth(points, corners), corners)
 
 
@@ -179,12 +179,12 @@ def _join_triangles(triangles: Index, first: Index, second: Index) -> Index:
     return np.stack([a, triangles[second // 3, (second + 2) % 3], b, opposite_corners], axis=1)
 
 
-def _cut(points: Array, groups: list[Index], boundary: Boundary) -> tuple[Array, Index]:
+def _cut_polygons(points: Array, groups: list[Index], boundary: Boundary) -> tuple[Array, Index]:
     """Cut polygons into quadrilaterals between corners, midpoints of sides and centres."""
     edges = np.vstack([sides(cells).reshape(-1, 2) for cells in groups])
     numbers, first, place = np.unique(keys(edges), return_index=True, return_inverse=True)
     midpoints = points[edges[first]].mean(axis=1)
-    midpoints[np.searchsorted(numbers, keys(boundary.ends))] = boundary.middles
+    midpoints[np.searchsorted(numbers, keys(boundary.ends))] = boundary.midpoints
     parts, corners, position, start = [points, midpoints], [], 0, len(points) + len(midpoints)
     for cells in groups:
         midpoint_nodes = len(points) + place[position : position + cells.size].reshape(cells.shape)

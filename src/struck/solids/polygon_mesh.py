@@ -159,7 +159,7 @@ class Boundary:
     """Edges of the triangulation on the outline."""
 
     ends: Index  # (S, 2), point indices
-    middles: Array  # (S, 2): where the outline runs between them: at a corner, or halfway
+    midpoints: Array  # (S, 2): where the outline runs between them: at a corner, or halfway
     sharp: Index  # indices of points at corners under 60 degrees
 
     @property
@@ -176,11 +176,11 @@ class Boundary:
         number = len(points) + np.arange(np.count_nonzero(chosen))
         a, b = self.ends[chosen].T
         halves = [np.stack([a, number], axis=1), np.stack([number, b], axis=1)]
-        tips = [(points[a] + self.middles[chosen]) / 2, (self.middles[chosen] + points[b]) / 2]
+        tips = [(points[a] + self.midpoints[chosen]) / 2, (self.midpoints[chosen] + points[b]) / 2]
         return replace(
             self,
             ends=np.vstack([self.ends[~chosen], *halves]),
-            middles=np.vstack([self.middles[~chosen], *tips]),
+            midpoints=np.vstack([self.midpoints[~chosen], *tips]),
         )
 
 
@@ -199,7 +199,7 @@ def triangulate(loops: Loops, size: float) -> tuple[Array, Index, Boundary]:
             is_split, new_points = _repairs(points, triangles, boundary, size)
         if not (is_split.any() or len(new_points)):
             break
-        midpoints = boundary.middles[is_split]
+        midpoints = boundary.midpoints[is_split]
         boundary = boundary.split(is_split, points)
         points = np.vstack([points, midpoints, new_points])
     triangles = _triangulate_inside(points, boundary)
@@ -227,7 +227,7 @@ def _resample(loops: Loops, size: float) -> tuple[Array, Boundary]:
         ends.append(np.stack([number, np.roll(number, -1)], axis=1))
         start += len(number)
     boundary = Boundary(
-        ends=np.vstack(ends), middles=np.vstack(all_midpoints), sharp=np.concatenate(sharp)
+        ends=np.vstack(ends), midpoints=np.vstack(all_midpoints), sharp=np.concatenate(sharp)
     )
     return np.vstack(points), boundary
 

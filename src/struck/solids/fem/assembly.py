@@ -63,8 +63,8 @@ class Hierarchic:
 
     def values(self, points: Array | Complex) -> Array | Complex:
         """Return the functions at reference `points` (q, 3): (q, m)."""
-        at = shares(self.mesh.kind, points)
-        corners = shares(self.mesh.kind, self.mesh.element.corners)
+        at = barycentric_coordinates(self.mesh.kind, points)
+        corners = barycentric_coordinates(self.mesh.kind, self.mesh.element.corners)
         functions = []
         for member in self.members:
             is_involved = corners[list(member)].any(axis=0)
@@ -84,7 +84,7 @@ class Hierarchic:
         return np.stack([np.imag(self.values(at)) / _STEP for at in steps], axis=2)
 
 
-def shares(kind: str, points: Array | Complex) -> Array | Complex:
+def barycentric_coordinates(kind: str, points: Array | Complex) -> Array | Complex:
     """Return barycentric coordinates (q, s) of reference `points` (q, 3), factor after factor."""
     # A hexahedron is the product of three lines, a wedge of a triangle and a line.
     x, y, z = points.T

@@ -26,10 +26,10 @@ from struck.solids.fem.lanczos import Eigenpairs, Mass, block_lanczos, solve_den
 
 def require_complete(values: Array, max_value: float, expected_count: int) -> None:
     """Raise SolverError unless as many eigenvalues, in order, were found as inertia counts."""
-    found_count = int(np.count_nonzero(values <= max_value))
-    if found_count != expected_count or np.any(np.diff(values) < 0):
+    value_count = int(np.count_nonzero(values <= max_value))
+    if value_count != expected_count or np.any(np.diff(values) < 0):
         raise SolverError(
-            f"{found_count} modes were found but {expected_count} exist up to the band's end: "
+            f"{value_count} modes were found but {expected_count} exist up to the band's end: "
             "change band= slightly, or report this body"
         )
 
@@ -172,7 +172,7 @@ class Spectrum:
             del shift  # and its factor with it
             yield from (part for part in (tail, lower) if len(part.values))
             del lower
-            tail, cut = _cut(upper, last.value, goal.value, goal.count - last.count)
+            tail, cut = _cut_at_gap(upper, last.value, goal.value, goal.count - last.count)
             del upper
             self._done_fraction = (last.count + len(tail.values)) / goal.count
         if len(tail.values):
@@ -240,7 +240,9 @@ def _select_pairs(pairs: Eigenpairs, chosen: slice) -> Eigenpairs:
     return Eigenpairs(values=pairs.values[chosen], vectors=pairs.vectors[:, chosen].copy())
 
 
-def _cut(pairs: Eigenpairs, min_value: float, end: float, left: int) -> tuple[Eigenpairs, float]:
+def _cut_at_gap(
+    pairs: Eigenpairs, min_value: float, end: float, left: int
+) -> tuple[Eigenpairs, float]:
     """Return the pairs below `end`, or up to a gap when more are `left`, and where the cut lies."""
     # A cut through equal eigenvalues would leave their vectors unlike those of the next slice.
     values = pairs.values

@@ -173,7 +173,7 @@ def _join_slices(parts: Iterable[_SliceResults], search: Search) -> _SliceResult
     for part in parts:
         if not slices:
             shapes = np.empty((*part.shapes.shape[:2], search.counted))
-        first = sum(len(part.values) for part in slices)
+        first = sum(len(earlier.values) for earlier in slices)
         require_complete(part.values, np.inf, min(len(part.values), search.counted - first))
         shapes[:, :, first : first + len(part.values)] = part.shapes
         slices.append(replace(part, shapes=none))

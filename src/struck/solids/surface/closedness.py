@@ -69,13 +69,13 @@ def _require_thickness(mesh: Mesh) -> None:
 
 
 def _require_two_faces_an_edge(edges: Edges) -> None:
-    is_open, crowded_count = edges.faces_at == 1, np.count_nonzero(edges.faces_at > 2)
+    is_open, branching_count = edges.faces_at == 1, np.count_nonzero(edges.faces_at > 2)
     faults = []
     if is_open.any():
         holes = counted(_loops(edges.ends[is_open]), "hole")
         faults.append(f"{counted(np.count_nonzero(is_open), 'open edge')} in {holes}")
-    if crowded_count:
-        faults.append(f"{counted(crowded_count, 'edge')} shared by more than two faces")
+    if branching_count:
+        faults.append(f"{counted(branching_count, 'edge')} shared by more than two faces")
     if faults:
         raise MeshError(
             f"the mesh is not closed: {' and '.join(faults)}; close holes and remove inner or "

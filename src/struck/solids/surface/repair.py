@@ -459,12 +459,12 @@ def mend(mesh: Mesh, record: RepairLog) -> Mended:
             f"{counted(fin_count, 'face')} in fins or inner walls {verb} the surface.",
             f"{counted(fin_count, 'face')} of fins and inner walls removed.",
         )
-    crowded_count = int(np.count_nonzero(edges_of(mesh.faces).faces_at > 2))
-    if crowded_count:
+    branching_count = int(np.count_nonzero(edges_of(mesh.faces).faces_at > 2))
+    if branching_count:
         mesh = separate_pieces(mesh)
         record.note(
-            f"{counted(crowded_count, 'edge')} shared by more than two faces.",
-            f"Pieces taken apart at {counted(crowded_count, 'edge')}.",
+            f"{counted(branching_count, 'edge')} shared by more than two faces.",
+            f"Pieces taken apart at {counted(branching_count, 'edge')}.",
         )
     mesh = remove_needles(_orient_faces(mesh, record), record)
     closed_surface = close_openings(mesh)

@@ -104,7 +104,7 @@ def _ears(
             continue
         used_edges.add((chord[0], chord[1]))
         triangles.append((int(rim[previous]), int(rim[ear]), int(rim[following])))
-        for neighbour in polygon.cut(ear):
+        for neighbour in polygon.cut_ear(ear):
             heapq.heappush(queue, (polygon.cost(neighbour), neighbour, polygon.version[neighbour]))
     remaining_vertices = [int(rim[i]) for i in polygon.remaining()]
     if len(remaining_vertices) == 3:
@@ -134,7 +134,7 @@ class _Polygon:
         inward = np.cross(b - a, c - a) @ self._normal < 0
         return float(np.linalg.norm(c - a)) * (_REFLEX if inward else 1.0)
 
-    def cut(self, ear: int) -> tuple[int, int]:
+    def cut_ear(self, ear: int) -> tuple[int, int]:
         """Take an ear away and return the neighbours that this changes."""
         previous, following = self.before[ear], self.after[ear]
         self.after[previous], self.before[following] = following, previous
@@ -315,8 +315,8 @@ class _Split:
             return True
         self._forget(number)
         self._forget(neighbour)
-        self._put(number, (a, b, d))
-        self._put(neighbour, (b, c, d))
+        self._store(number, (a, b, d))
+        self._store(neighbour, (b, c, d))
         return False
 
     def _from_longest(self, number: int) -> tuple[int, int, int]:
@@ -333,7 +333,7 @@ class _Split:
                 del self._at[side]
         self.is_remaining[number] = False
 
-    def _put(self, number: int, corners: tuple[int, int, int]) -> None:
+    def _store(self, number: int, corners: tuple[int, int, int]) -> None:
         i, j, k = corners
         self.faces[number] = corners
         self._at |= {(i, j): number, (j, k): number, (k, i): number}
