@@ -17,8 +17,8 @@ from struck.radiation.boundary_elements import SurfaceField, edge_length
 from struck.radiation.multipoles import CLOSE, FAR, Multipoles
 
 _SAME_RATIO = 1e-9  # relative: frequencies closer than this are the same
-# Of an element's edge: that elements cut off, and that places are off them.
-_CUT, _CLEARANCE = (0.1, 1e-3)
+# Depth that elements cut off, and distance of places from them, in edges of elements.
+_CUT, _CLEARANCE = 0.1, 1e-3
 _IMPULSE = 1j  # a unit impulse leaves the modal velocity cos wt, the imaginary part of i exp(iwt)
 
 

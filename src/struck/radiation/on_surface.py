@@ -63,7 +63,7 @@ COUNT = 64  # maximum number of harmonics, on a sphere those of the orders 0 to 
 # Fraction of an eigenvalue by which the last harmonic lies below the first that is left out. Round
 # and square bodies have pairs of equal ones; if a pair were cut, rounding would decide which stays.
 _MIN_GAP = 1e-3
-# Share of the rest that its averages at the vertices hold at least; less is of the rounding of
+# Fraction of the rest that its averages at the vertices hold at least; less is of the rounding of
 # shapes to 32 bits, squared 4e-15 of them, to 0.2 %. Torsion of a turned body, whose faces tilt
 # to both sides in turn, has 1e-13.
 _ALTERNATING = 1e-9
@@ -77,7 +77,7 @@ _SEED = 1  # of the vector that the iteration starts from
 class Split:
     """Normal velocities, split into surface harmonics and a remainder."""
 
-    # (H, M), coefficients of the harmonics, m^2/s; their squares are shares of the whole
+    # (H, M), coefficients of the harmonics, m^2/s; their squares are fractions of the whole
     parts: Array
     remainder: Array  # (V, M), what remains at the vertices, m/s
     remainder_orders: Array  # (M,), the order ascribed to all of the rest

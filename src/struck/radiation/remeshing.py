@@ -17,8 +17,8 @@ from struck.model.arrays import Array, Index
 from struck.model.mesh import Mesh
 from struck.model.mesh_topology import edges_of, submesh
 
-# Of the target edge: shorter ones are collapsed, longer ones halved.
-_MIN_LENGTH, _MAX_LENGTH = (0.8, 4 / 3)
+# Lengths over the target edge: shorter edges are collapsed, longer ones halved.
+_MIN_LENGTH, _MAX_LENGTH = 0.8, 4 / 3
 _MAX_COLLAPSED_LENGTH = 1.6  # that a collapse may make
 _RIDGE_COSINE = np.cos(np.radians(40))  # faces that turn further about their edge meet in a ridge
 _MIN_NORMAL_COSINE = np.cos(

@@ -37,9 +37,9 @@ from struck.radiation.remeshing import remesh
 PER_WAVE = 6  # elements in a wavelength
 MAX_SIZE = 24.0  # wave number times radius: beyond it the estimate stays
 _MIN_ELEMENTS = 1000  # elements, which a body's form takes, whatever the wavelength
-_WALL_QUANTILE = 0.02  # share of the faces whose depth may be less than the wall
+_WALL_QUANTILE = 0.02  # fraction of the faces whose depth may be less than the wall
 _WALL = 0.15  # of an element, which a wall has at least
-_MAX_CROSSED_FRACTION = 1e-3  # share of the skin that may lie within the body
+_MAX_CROSSED_FRACTION = 1e-3  # fraction of the skin that may lie within the body
 _EDGE_RATIO = 2**0.5  # from a mesh to the next: twice as many elements
 # Where a wall is too thin for some of a mesh's elements, it is made again with smaller ones, in
 # steps of _STEP, down to half the edge: four times as many at most, chosen by judgement.

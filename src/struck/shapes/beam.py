@@ -174,7 +174,7 @@ _COLUMNS = {"even": slice(0, 2), "odd": slice(2, 4), "both": slice(0, 4)}
 REFLECTION = np.array([1.0, 1.0, -1.0, -1.0])
 # No beam at least as long as its radius of gyration has an elastic mode whose first wave turns by
 # less from the origin to the end.
-_LEAST_PHASE = 0.01
+_MIN_PHASE = 0.01
 # Until the square root of a frequency is known to its last digit, for up to a thousand modes.
 _HALVINGS = 64
 
@@ -230,7 +230,7 @@ class Family:
         def count(root: Array) -> Index:
             return self.count(StandingWaves.at(beam, root**4, self.span))
 
-        low = beam.first(np.array([_LEAST_PHASE / self.span])) ** 0.25
+        low = beam.first(np.array([_MIN_PHASE / self.span])) ** 0.25
         high = np.array([max_eigenvalue**0.25])
         if high <= low:
             return np.empty(0)
@@ -320,15 +320,16 @@ def _bisect(count: Callable[[Array], Index], numbers: Index, low: Array, high: A
 
 def _require_few(count: float) -> None:
     """Refuse beams with more modes of one kind than any model takes, before they are computed."""
-    if not count <= _MOST_OF_A_KIND:
+    if not count <= _MAX_MODES_OF_A_KIND:
         raise OptionError(
             f"the bar has about {rounded(count, 2)} modes of one kind in the band, and at most "
-            f"{_MOST_OF_A_KIND} are computed: check its lengths (m) and Young's modulus (Pa; 200 "
+            f"{_MAX_MODES_OF_A_KIND} are computed: check its lengths (m) and Young's modulus (Pa; "
+            f"200 "
             "GPa is 200e9), or end the band lower"
         )
 
 
-_MOST_OF_A_KIND = 20_000
+_MAX_MODES_OF_A_KIND = 20_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -400,7 +401,7 @@ def bending(beam: Beam, ends: tuple[str, str], max_eigenvalue: float, length: fl
 
 
 def _normalise(waves: StandingWaves, amplitudes: Array) -> tuple[Array, Array]:
-    """Return amplitudes of modes with unit kinetic energy, and their shares of shear energy."""
+    """Return amplitudes of modes with unit kinetic energy, and their fractions of shear energy."""
     even, odd = amplitudes[:, :2], amplitudes[:, 2:]
     first, second = (part[:, None] for part in waves.turnings)
     one, ratio = np.ones_like(first), waves.ratio[:, None]

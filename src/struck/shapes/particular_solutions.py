@@ -140,7 +140,7 @@ class _Fan:
         return radial_parts * sine_slopes + tangential_parts * swirl * self.cosines
 
 
-_MOST_WAVES = 1e4  # radians of a wave along the plan
+_MAX_PHASE = 1e4  # radians of a wave along the plan
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -161,13 +161,13 @@ class PolygonForms:
         waves = self.wavenumbers.max(initial=0.0) * np.ptp(places, axis=0).max()
         if (
             self.coefficients.shape != expected_shape
-            or not waves <= _MOST_WAVES
+            or not waves <= _MAX_PHASE
             or self.counts.min() < 0
         ):
             raise OptionError(
                 f"{self.coefficients.shape} coefficients of {expected_shape} are given, or the "
                 f"shapes have "
-                f"{rounded(waves, 3)} radians along the plan and at most {_MOST_WAVES:g} fit: "
+                f"{rounded(waves, 3)} radians along the plan and at most {_MAX_PHASE:g} fit: "
                 "compute the membrane again"
             )
 

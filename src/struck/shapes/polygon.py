@@ -581,7 +581,7 @@ _FINE, _CLEAR = 400, 0.8
 
 
 def _spread(densities: Array) -> Array:
-    """Return shares of a way, given how many points the whole would have if dense as here."""
+    """Return fractions of a way, given how many points the whole would have if dense as here."""
     steps = (densities[1:] + densities[:-1]) / 2 / (len(densities) - 1)
     cumulative_counts = np.concatenate([[0.0], np.cumsum(steps)])
     parts = int(np.ceil(cumulative_counts[-1]))

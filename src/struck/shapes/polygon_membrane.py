@@ -94,7 +94,7 @@ _ESTIMATE_ERROR = 2e-3  # relative error of rough eigenvalues, seldom reached
 # parts of their clearance: none at first, then ever nearer.
 _DISTANCES = ((0.0, 0.0), (1.5, 0.5), (1.5, 0.25), (0.75, 0.12))
 _TARGET_ERROR = 1e-8  # error at which no richer basis is tried
-_MOST_FUNCTIONS = 1200
+_MAX_FUNCTIONS = 1200
 
 
 def _choose_basis(plan: Polygon, estimates: Array) -> tuple[Basis, Trial]:
@@ -112,14 +112,14 @@ def _choose_basis(plan: Polygon, estimates: Array) -> tuple[Basis, Trial]:
         if error <= _TARGET_ERROR:
             break
     if best_choice is None:
-        raise SolverError(_TOO_MANY_MESSAGE.format(len(estimates), _MOST_FUNCTIONS))
+        raise SolverError(_TOO_MANY_MESSAGE.format(len(estimates), _MAX_FUNCTIONS))
     return best_choice[1:]
 
 
 _TOO_MANY_MESSAGE = "{} modes of this polygon need more than {} functions: lower the band's end"
 _SOURCES_PER_WAVE = 5
 # Orders about corners beyond those of waves, without sources and with them; and at least without.
-_STEEP, _STEEP_WITH_SOURCES, _LEAST_ORDER = 20, 14, 60
+_STEEP, _STEEP_WITH_SOURCES, _MIN_ORDER = 20, 14, 60
 
 
 def _candidates(plan: Polygon, wavenumber: float) -> Iterator[Basis]:
@@ -127,7 +127,7 @@ def _candidates(plan: Polygon, wavenumber: float) -> Iterator[Basis]:
     centres = plan.singular if len(plan.singular) else np.array([0])
     for max_distance, clearance_fraction in _DISTANCES:
         sources = np.zeros((0, 2))
-        orders = np.maximum(_STEEP + wavenumber * plan.reaches, _LEAST_ORDER)
+        orders = np.maximum(_STEEP + wavenumber * plan.reaches, _MIN_ORDER)
         if max_distance:
             # Sources make up what is smooth: corners serve their neighbourhood alone.
             distance = max_distance * plan.area / plan.lengths.sum()
@@ -142,7 +142,7 @@ def _candidates(plan: Polygon, wavenumber: float) -> Iterator[Basis]:
             sources=sources,
             highest=1.01 * wavenumber,
         )
-        if basis.size <= _MOST_FUNCTIONS:
+        if basis.size <= _MAX_FUNCTIONS:
             yield basis
 
 
@@ -209,7 +209,7 @@ def _merge_groups(
     return merged_groups
 
 
-_MOST_EDGES, _REFINEMENTS = 1_000_000, 4  # unknowns of a count; how often it is tried finer
+_MAX_EDGES, _REFINEMENTS = 1_000_000, 4  # unknowns of a count; how often it is tried finer
 
 
 def _prove_complete(
@@ -223,7 +223,7 @@ def _prove_complete(
     target, count = last + 0.1 * (following - last), 0
     longest = edge_for(0.5 * (following - last) / target**2)
     for _ in range(_REFINEMENTS):
-        if 6 * plan.area / longest**2 > _MOST_EDGES:
+        if 6 * plan.area / longest**2 > _MAX_EDGES:
             return 0.0
         filling = Triangulation.of(plan.corners, longest)
         count = filling.assemble_nonconforming().count(target / (1 - filling.slack * target))
@@ -256,7 +256,7 @@ def _pack(basis: Basis, modes: list[Eigenfunction], proved_to: float) -> Laplaci
 
 
 # A few minutes in simple polygons; each mode takes longer, the more there are.
-_MOST_MODES = 1000
+_MAX_MODES = 1000
 
 
 @checked
@@ -369,11 +369,11 @@ class PolygonMembrane(Shape):
         speed = float(np.sqrt(self.tension / (material.density * self.thickness)))
         max_eigenvalue = np.square(2 * np.pi * highest / speed)
         count = estimate_count(self._plan, max_eigenvalue)
-        if count > _MOST_MODES:
+        if count > _MAX_MODES:
             raise OptionError(
-                f"about {count:.0f} modes lie below {highest:g} Hz, and {_MOST_MODES} can be had: "
+                f"about {count:.0f} modes lie below {highest:g} Hz, and {_MAX_MODES} can be had: "
                 f"check the lengths (m), or end the band at "
-                f"{np.floor(highest * np.sqrt(_MOST_MODES / count)):.0f} Hz or lower"
+                f"{np.floor(highest * np.sqrt(_MAX_MODES / count)):.0f} Hz or lower"
             )
         eigenmodes = spectrum(self._loop, max_eigenvalue, progress)
         wavenumbers = np.sqrt(eigenmodes.values)

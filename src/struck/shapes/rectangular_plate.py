@@ -127,7 +127,7 @@ def _products(x: Array, y: Array, coefficients: Array) -> Array:
     return np.concatenate(parts)
 
 
-# Rigid motions keep this share of the least that is not zero, by rounding.
+# Rigid motions keep this fraction of the least that is not zero, by rounding.
 _ZERO = 1e-6
 # Number of the functions 1, x and y that do not bend the plate, by how many of 1 and x the ends
 # allow along both axes.
@@ -294,7 +294,7 @@ _EXTRA_COUNT, _COUNT_PER_HALF_WAVE = 12, 1.75
 # How much finer the second resolution is, whose frequencies are given, and how close the first
 # must come to it.
 _REFINEMENT, _CONVERGED_CHANGE, _ROUNDS = 1.15, 1e-5, 4
-_MOST_FUNCTIONS = 5000
+_MAX_FUNCTIONS = 5000
 _ROUNDING = 1e-11
 # What is still to come at corners where edges differ, over what the last step brought.
 _REMAINING = 3.0
@@ -455,9 +455,9 @@ def _estimate_errors(coarse_values: Array, fine_values: Array) -> Array:
 
 def _require_solvable(x_axis: PolynomialAxis, y_axis: PolynomialAxis) -> None:
     functions = x_axis.count * y_axis.count // (x_axis.stride * y_axis.stride)
-    if functions > _MOST_FUNCTIONS:
+    if functions > _MAX_FUNCTIONS:
         raise OptionError(
             f"the band needs {x_axis.count} x {y_axis.count} polynomials, {functions} of one "
-            f"symmetry: at most {_MOST_FUNCTIONS} are solved for; end the band lower, or check the "
+            f"symmetry: at most {_MAX_FUNCTIONS} are solved for; end the band lower, or check the "
             "lengths (m)"
         )

@@ -279,7 +279,7 @@ Held = Callable[[Array], NDArray[np.bool_]]
 # Turns the axis of a tube, z, towards x.
 ALONG_X: Turn = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
 UPRIGHT: Turn = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-# Share of the body's extent within which a node counts as on its end.
+# Fraction of the body's extent within which a node counts as on its end.
 _END_TOLERANCE = 1e-9
 
 

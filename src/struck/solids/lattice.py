@@ -24,7 +24,7 @@ Widths = Callable[[Array], Array]  # longest edges required at points (K, 3), m 
 # Fractions of an edge within which the boundary pulls a lattice point over; long edges join two
 # corners or two centres, short ones a corner and a centre (their table 1, safe for all shapes).
 _LONG_REACH, _SHORT_REACH = 0.24999, 0.41189
-_NOUGHT = 1e-4  # share of an edge within which a point counts as on a surface
+_NOUGHT = 1e-4  # fraction of an edge within which a point counts as on a surface
 
 
 def stuff_body(depths: Depths, bounds: Array, spacing: float, up: str = "z") -> VolumeMesh:

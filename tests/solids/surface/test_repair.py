@@ -171,7 +171,7 @@ def test_largest_body_is_kept_and_debris_dropped() -> None:
     crumbs = [ball(0.05, at=(3 + i, 0, 0), fine=1) for i in range(4)]
     result = closed_repair(mesh(*crumbs, ball(0.5, at=(-3, 0, 0)), ball()))
     assert result.volume_after == pytest.approx(ball().volume, rel=1e-12)
-    assert "4 crumbs beside the body, below 1 % of its volume." in result.faults
+    assert "4 crumbs separate from the body, below 1 % of its volume." in result.faults
     assert any("1 other, up to 12 % of its volume" in change for change in result.changes)
 
 

@@ -155,7 +155,7 @@ def _interpolate_slopes(mesh: VolumeMesh, chunk: slice) -> Array:
 # The figures were set on spheres, cubes, tubes and plates whose frequencies are known.
 
 # Bound over residual error: of one mesh, and scaled by two.
-SINGLE_MESH_FACTOR, _SCALED_FACTOR = (4.0, 2.3)
+SINGLE_MESH_FACTOR, _SCALED_FACTOR = 4.0, 2.3
 _POWER = 3.0  # of the edges, with which errors fall; 4 is the most that quadratic elements reach
 _TYPICAL_FACTOR = 2.5  # how many times larger the errors are for which a count of nodes is chosen
 MIN_WIDTH_RATIO = 1.016

@@ -62,7 +62,7 @@ def largest_residual(system: System, pairs: Eigenpairs) -> float:
 
 SLICE_LIMIT = 200  # modes of one factorisation; beyond, keeping all vectors apart takes over
 _MAX_ATTEMPTS = 12
-_SPLIT_TOLERANCE = 1e-7  # share of equal eigenvalues by which they may come out apart
+_SPLIT_TOLERANCE = 1e-7  # fraction of equal eigenvalues by which they may come out apart
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -87,8 +87,8 @@ _EDGE_WIDTH, _EDGE_SPACING = 0.315, 4.0  # thicknesses
 _SOUNDINGS = (10, 40)  # along the longest edge, for the depth of a body: few show most cavities
 # Fraction of the tetrahedra below which a piece that hangs by an edge or a corner is a crumb.
 _MAX_CRUMB_FRACTION = 0.01
-# Of forecasts: cells that the surface cuts; fine over coarse nodes.
-_CUT_FACTOR, _FINE_RATIO = (2.0, 2.0)
+# For forecasts: factor of cells that the surface cuts; least ratio of fine to coarse nodes.
+_CUT_FACTOR, _FINE_RATIO = 2.0, 2.0
 _MIN_HALVINGS = 1_000  # edges of a lattice over thin walls that may be halved at least
 _MAX_FUNCTIONS = 400_000  # at any accuracy; more take minutes and many GiB
 _SIZE_TOLERANCE = 1.1  # times the maximum, as a lattice may take a little more than foreseen
@@ -112,7 +112,7 @@ class Filling:
     volume_error: float  # relative, against the body's own volume
     stiffened: float  # relative, of frequencies, by what elements miss along a thin body's edges
     short: int  # boundary nodes that stayed short of the surface
-    unreached: float  # share of the surface that is farther from all elements than the lattice
+    unreached: float  # fraction of the surface that is farther from all elements than the lattice
     crumbs: int  # tetrahedra left out because they hung by an edge or a corner
 
     @property
@@ -336,7 +336,7 @@ def _reduce_size(body: Body, filling: Filling, nodes: int, goal: Accuracy) -> Fi
 
 def _improve_shape(body: Body, filling: Filling, goal: Accuracy) -> Filling:
     """Fill a body finer until its shape costs less than the error that is aimed at."""
-    # Lattices that differ little may miss very different shares of a crisp solid's edges.
+    # Lattices that differ little may miss very different fractions of a crisp solid's edges.
     spacing = filling.spacing
     while abs(filling.volume_error) > _VOLUME_ERROR_RATIO * goal.error:
         spacing *= _SMALL_REFINEMENT if body.is_solid else _REFINEMENT
@@ -406,7 +406,7 @@ def _estimate_stiffening(body: Body, spacing: float) -> float:
 
 
 def _uncovered_fraction(outline: Mesh, elements: VolumeMesh, spacing: float) -> float:
-    """Return the share of a surface's area that no element is within a lattice spacing of."""
+    """Return the fraction of a surface's area that no element is within a lattice spacing of."""
     places, vectors = outline.spread(_SURFACE_SAMPLES)
     areas = np.linalg.norm(vectors, axis=1)
     # Sides have a node every half spacing, and nodes are found in a third of the time.

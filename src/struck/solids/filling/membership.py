@@ -22,7 +22,7 @@ _DOUBT_WEIGHT = 0.05  # weight of a cell that is elsewhere if its surfaces are f
 _STEP = 1e-3  # of the spacing, for slopes of depths
 _SLOPE_RANGE = (0.5, 1.5)  # of a depth that changes as a distance does
 _MAX_DEVIATION = 0.25  # spacings by which a depth may be off; more, and it is that of another place
-_PARALLEL_TOLERANCE = 0.05  # share of the steepest slope below which surfaces count as parallel
+_PARALLEL_TOLERANCE = 0.05  # fraction of the steepest slope below which surfaces count as parallel
 
 
 Heights = Callable[[Array], tuple[Array, Array]]
@@ -102,7 +102,7 @@ def _bounding(cells: Cells, heights: Heights) -> Array:
 
 _NEEDLESS_DEPTH = -np.finfo(float).tiny  # depth of a point below a surface that only made it
 _FLAT, _FAIR = 1e-3, 0.1  # shapes: no flatter ones are made, and none worse below the other
-_VOLUME_TOLERANCE = 1e-6  # share of their volume that tetrahedra around a point may lose with it
+_VOLUME_TOLERANCE = 1e-6  # fraction of their volume that tetrahedra around a point may lose with it
 _ROUNDS = 20  # more of them remove few more points
 
 

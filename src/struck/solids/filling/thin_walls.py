@@ -27,16 +27,16 @@ from struck.solids.surface.closedness import crossings
 from struck.solids.surface.distance import MAX_SPACING_RATIO, FilledBody, WalledSheet
 
 _MAX_STEPS = 30  # of shrinking a ball: few faces take more than ten
-_TOUCHING = 1e-3  # share of its radius by which a ball may overlap the surface
+_TOUCHING = 1e-3  # fraction of its radius by which a ball may overlap the surface
 # Cosines between the normals of two faces: a wall, and no wall.
-_FACING_COSINE, _ASKEW_COSINE = (-0.87, -0.5)
+_FACING_COSINE, _ASKEW_COSINE = -0.87, -0.5
 _HOLLOW_RATIO = 0.2  # concave over convex bending up to which a strip is a rim, and no fillet
 _INWARD = 1e-6  # of the body's extent, by which rays start below the surface
 _CREASE_ANGLE = np.radians(40.0)
 # A smaller crease, and how much sharper than edges alongside.
-_KINK_ANGLE, _SHARPNESS_RATIO = (np.radians(12.0), 2.0)
+_KINK_ANGLE, _SHARPNESS_RATIO = np.radians(12.0), 2.0
 # Angle within a flat part, and cosine between two edges.
-_FLAT_ANGLE, _ALONGSIDE_COSINE = (np.radians(1.0), 0.8)
+_FLAT_ANGLE, _ALONGSIDE_COSINE = np.radians(1.0), 0.8
 _EXTENSION = 1.5  # lattice spacings up to which sheets that are joined count: more than a cell
 _REACH = 2.0  # lattice spacings beyond the nearest sheet within which others bound the body too
 _MAX_SHEETS = 40
@@ -68,7 +68,7 @@ def balls_at(
     return 2 * radii, touched_faces
 
 
-_OFF_PLANE = 0.02  # share of a wall by which its inner face may miss the planes at a vertex
+_OFF_PLANE = 0.02  # fraction of a wall by which its inner face may miss the planes at a vertex
 _MAX_FACETS = 20_000  # of a surface whose inner face is looked for
 
 

@@ -44,10 +44,10 @@ from struck.solids.surface.welding import (
 # A surface bounds a body while what closes it is small against it. The cap of an open cup,
 # of a dome or of a dish is above a sixth of its wall; holes of scans are a few hundredths.
 MAX_OPENING_FRACTION = 0.1
-_MIN_BURIED_FRACTION = 1e-3  # of the area within the material, above which crossings are repaired
-# Share that a rebuilt surface may lose, or have in excess.
-_MAX_LOST_FRACTION, _MAX_INVENTED_FRACTION = (0.05, 0.1)
-_MIN_PATCH_FRACTION = 0.02  # share of the area below which pieces of an open surface are crumbs
+_MIN_BURIED_FRACTION = 1e-3  # of the area, within the material, from which on crossings matter
+# Fractions of the area that a rebuilt surface may lose, or have in excess.
+_MAX_LOST_FRACTION, _MAX_INVENTED_FRACTION = 0.05, 0.1
+_MIN_PATCH_FRACTION = 0.02  # fraction of the area below which pieces of an open surface are crumbs
 MAX_FACES = 2_000_000
 """Largest number of faces of a surface that is repaired, which takes minutes."""
 
@@ -241,7 +241,7 @@ class Crossing:
 
     pairs: Index  # (K, 2); of two pieces only where they overlap, not where they touch
     limits: Mesh | None  # the faces between material and air
-    buried_fraction: float  # share of the area within the material
+    buried_fraction: float  # fraction of the area within the material
 
     @classmethod
     def of(cls, shells: Shells) -> Crossing:
@@ -497,7 +497,7 @@ def remove_needles(mesh: Mesh, record: RepairLog) -> Mesh:
 
 # Bodies among the pieces of a mended surface: loose, hidden and smaller ones are dropped.
 
-DEBRIS_FRACTION = 0.01  # share of the largest body below which others are crumbs
+DEBRIS_FRACTION = 0.01  # fraction of the largest body below which others are crumbs
 
 
 def make_solid_shells(surface: Mended, is_solid: Mask, record: RepairLog) -> Shells:
@@ -555,8 +555,8 @@ def select_largest_body(shells: Shells, pairs: Index, record: RepairLog) -> Shel
     debris_count = int(np.count_nonzero(others < DEBRIS_FRACTION))
     if debris_count:
         record.note(
-            f"{counted(debris_count, 'crumb')} beside the body, below {100 * DEBRIS_FRACTION:g} % "
-            f"of its volume.",
+            f"{counted(debris_count, 'crumb')} separate from the body, "
+            f"below {100 * DEBRIS_FRACTION:g} % of its volume.",
             f"{counted(debris_count, 'crumb')} removed.",
         )
     large_others = others[others >= DEBRIS_FRACTION]
