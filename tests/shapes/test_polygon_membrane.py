@@ -397,7 +397,7 @@ def _mass(u, v, _):  # noqa: ANN001, ANN202
 @pytest.mark.parametrize("kind", ["quadratic", "nonconforming"])
 def test_elements_are_those_of_scikit_fem(kind: str) -> None:
     filling = Triangulation.of(plan_of(SPIRAL).corners, 0.5)
-    pencil = getattr(filling, kind)()
+    pencil = getattr(filling, f"assemble_{kind}")()
     mesh = MeshTri(filling.points.T.copy(), filling.triangles.T.copy())
     basis = Basis(mesh, ElementTriP2() if kind == "quadratic" else ElementTriCR())
     inner = basis.complement_dofs(basis.get_dofs())

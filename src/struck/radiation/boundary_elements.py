@@ -199,8 +199,8 @@ def solve_field(
     if wall_ratio < MIN_WALL_RATIO:
         raise MeshError(
             f"a wall is {wall_ratio:.3f} of the boundary elements on it, of {MIN_WALL_RATIO} at "
-            f"least: give a "
-            "finer mesh, or keep the estimate of radiation='power', which needs no elements"
+            "least: give a finer mesh, or keep the estimate of radiation='power', which needs no "
+            "elements"
         )
     mode_wave_numbers = np.broadcast_to(np.asarray(wave_numbers, np.float64), len(modes)).copy()
     mean, flows = float(mode_wave_numbers.mean()), _flows(mode_wave_numbers, velocities, air)

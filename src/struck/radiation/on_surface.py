@@ -63,7 +63,7 @@ COUNT = 64  # maximum number of harmonics, on a sphere those of the orders 0 to 
 # Fraction of an eigenvalue by which the last harmonic lies below the first that is left out. Round
 # and square bodies have pairs of equal ones; if a pair were cut, rounding would decide which stays.
 _MIN_GAP = 1e-3
-# Fraction of the rest that its averages at the vertices hold at least; less is of the rounding of
+# Least fraction of the remainder in its averages at the vertices; less is of the rounding of
 # shapes to 32 bits, squared 4e-15 of them, to 0.2 %. Torsion of a turned body, whose faces tilt
 # to both sides in turn, has 1e-13.
 _ALTERNATING = 1e-9
@@ -80,8 +80,8 @@ class Split:
     # (H, M), coefficients of the harmonics, m^2/s; their squares are fractions of the whole
     parts: Array
     remainder: Array  # (V, M), what remains at the vertices, m/s
-    remainder_orders: Array  # (M,), the order ascribed to all of the rest
-    remainder_powers: Array  # (M,), its share in the integral of the square, m^4/s^2
+    remainder_orders: Array  # (M,), the order ascribed to all of the remainder
+    remainder_powers: Array  # (M,), its part of the integral of the square, m^4/s^2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -115,11 +115,12 @@ class SurfaceHarmonics:
         )
 
     def split(self, velocities: Array) -> Split:
-        """Split normal velocities of the faces (F, M) into harmonics and a rest.
+        """Split normal velocities of the faces (F, M) into harmonics and a remainder.
 
-        The order of the rest is that of its mean squared gradient over its mean square (Rayleigh's
-        quotient), for which it is averaged at the vertices and linear in between. Where next to
-        nothing remains of it there, it alternates from face to face, and has the order of these.
+        The order of the remainder is that of its mean squared gradient over its mean square
+        (Rayleigh's quotient), for which it is averaged at the vertices and linear in between. Where
+        next to nothing remains of it there, it alternates from face to face, and has the order of
+        these.
         """
         flows = _integrate_at_corners(self.mesh) @ velocities
         parts = self.functions.T @ flows

@@ -245,7 +245,7 @@ def _require_modes(surface: Mesh, shapes: NDArray[np.floating], frequencies: Arr
     if shapes.shape != expected_shape:
         raise OptionError(
             f"shapes are {shapes.shape}, not {expected_shape}: give x, y and z of each mode at "
-            f"each vertex"
+            "each vertex"
         )
     if not np.all(np.isfinite(frequencies) & (np.asarray(frequencies) > 0)):
         raise OptionError(

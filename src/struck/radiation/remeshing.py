@@ -21,9 +21,8 @@ from struck.model.mesh_topology import edges_of, submesh
 _MIN_LENGTH, _MAX_LENGTH = 0.8, 4 / 3
 _MAX_COLLAPSED_LENGTH = 1.6  # that a collapse may make
 _RIDGE_COSINE = np.cos(np.radians(40))  # faces that turn further about their edge meet in a ridge
-_MIN_NORMAL_COSINE = np.cos(
-    np.radians(20)
-)  # a face against the surface's normals at its smooth corners
+# Between a face and the surface's normals at its smooth corners.
+_MIN_NORMAL_COSINE = np.cos(np.radians(20))
 _MIN_RIDGE_COSINE = np.cos(np.radians(25))  # the new part of a ridge against the old
 _MIN_SHAPE = 0.35  # shape of a triangle, 1 for an equilateral one, that a collapse may leave
 

@@ -146,9 +146,8 @@ def _require_closed(mesh: Mesh) -> None:
     origins = mesh.centroids + 1e-6 * np.sqrt(mesh.areas)[:, None] * mesh.face_normals
     hit_faces, _ = mesh.locator.first_below(origins, mesh.face_normals)
     cosines = np.einsum("fd,fd->f", mesh.face_normals[hit_faces], mesh.face_normals)
-    inner_faces = np.flatnonzero(
-        (hit_faces >= 0) & (cosines > 0)
-    )  # or their ray slipped between two faces
+    # Their ray may also have slipped between two faces.
+    inner_faces = np.flatnonzero((hit_faces >= 0) & (cosines > 0))
     inner_faces = (
         inner_faces[mesh.locator.holds(origins[inner_faces])] if len(inner_faces) else inner_faces
     )
@@ -157,8 +156,7 @@ def _require_closed(mesh: Mesh) -> None:
         raise MeshError(
             f"the surface crosses itself: {crossed_fraction:.1%} of it lie within the body, of "
             f"{_MAX_CROSSED_FRACTION:.1%} at most: analyze the body from its mesh, which unites "
-            f"it, or take "
-            "radiation='power'"
+            "it, or take radiation='power'"
         )
 
 
@@ -241,8 +239,8 @@ def fitting_mesh(skin: Mesh, planned: float, wall: float) -> Mesh:
         f"the body is {rounded(1000 * depth, 2)} mm thick at ({place_text}) m, "
         f"{rounded(wall_ratio, 2)} of the "
         f"boundary elements there, of {MIN_WALL_RATIO} at least, with {len(mesh.faces)} of them: "
-        f"keep "
-        "the model as it is, whose estimate of radiation needs no elements, or thicken the body "
+        "keep the model as it is, whose estimate of radiation needs no elements, or thicken the "
+        "body "
         "there"
     )
 

@@ -435,8 +435,8 @@ class Bar(Shape):
         if slenderness < _MIN_SLENDERNESS:
             details["caution"] = (
                 f"length is {rounded(slenderness, 2)} of the section's wider side, below "
-                f"{_MIN_SLENDERNESS:g}: "
-                "bars are taken as slender, and errors do not hold what that leaves out; with "
+                f"{_MIN_SLENDERNESS:g}: bars are taken as slender, and errors do not hold what "
+                "that leaves out; with "
                 "free or clamped ends finite elements, method='fem', take the whole body"
             )
         if self.theory == "euler-bernoulli":

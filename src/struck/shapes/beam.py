@@ -324,8 +324,7 @@ def _require_few(count: float) -> None:
         raise OptionError(
             f"the bar has about {rounded(count, 2)} modes of one kind in the band, and at most "
             f"{_MAX_MODES_OF_A_KIND} are computed: check its lengths (m) and Young's modulus (Pa; "
-            f"200 "
-            "GPa is 200e9), or end the band lower"
+            "200 GPa is 200e9), or end the band lower"
         )
 
 

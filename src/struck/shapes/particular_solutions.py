@@ -166,8 +166,8 @@ class PolygonForms:
         ):
             raise OptionError(
                 f"{self.coefficients.shape} coefficients of {expected_shape} are given, or the "
-                f"shapes have "
-                f"{rounded(waves, 3)} radians along the plan and at most {_MAX_PHASE:g} fit: "
+                f"shapes have {rounded(waves, 3)} radians along the plan and at most "
+                f"{_MAX_PHASE:g} fit: "
                 "compute the membrane again"
             )
 

@@ -84,8 +84,7 @@ class RitzForms:
         if max_entry > 2:
             raise OptionError(
                 f"ends, strides and starts of a plate's forms go up to {max_entry}, and at most "
-                f"to 2 "
-                "in one that was computed: compute the plate again"
+                "to 2 in one that was computed: compute the plate again"
             )
 
     def values(self, places: Array) -> Array:
@@ -282,8 +281,7 @@ def _require_gap(eigenvalues: Array, rigid_count: int) -> None:
         raise SolverError(
             f"a rigid motion of the plate came out at {rounded(math.sqrt(abs(low_values[-2])), 3)} "
             f"1/m^2, its lowest mode at {rounded(math.sqrt(abs(low_values[-1])), 3)}: the plate "
-            f"is too "
-            "slender for this method; take a Bar"
+            "is too slender for this method; take a Bar"
         )
 
 

@@ -213,8 +213,7 @@ def _require_few(frequencies: Array, max_frequency: float) -> None:
     if len(frequencies) > _MAX_MODES:
         raise OptionError(
             f"the body has {len(frequencies)} modes up to {max_frequency:g} Hz: a model takes at "
-            f"most "
-            f"{_MAX_MODES}; check the lengths (m), or end the band at "
+            f"most {_MAX_MODES}; check the lengths (m), or end the band at "
             f"{np.floor(frequencies[_MAX_MODES]):g} Hz"
         )
 
@@ -268,8 +267,7 @@ def require_count(body: str, count: float, max_frequency: float) -> None:
     if not count <= _MAX_PLAN_MODES:
         raise OptionError(
             f"the {body} has about {rounded(count, 2)} modes up to {max_frequency:g} Hz: "
-            f"at most {_MAX_PLAN_MODES} "
-            "are computed; end the band lower, or check the lengths (m)"
+            f"at most {_MAX_PLAN_MODES} are computed; end the band lower, or check the lengths (m)"
         )
 
 

@@ -39,9 +39,8 @@ class Judge:
 
     joined: tuple[int, ...]  # the surfaces beyond which it may extend
     distance: Depths  # to the body, m: negative inside
-    select_cells: Callable[
-        [Cells], Cells
-    ]  # of cells on both sides of each surface, those in the body
+    # From cells on both sides of each surface to those in the body.
+    select_cells: Callable[[Cells], Cells]
 
 
 def cells_in(

@@ -201,7 +201,7 @@ def check_wall(wall: Wall) -> None:
     folded = [np.sum(np.diff(edge, axis=0) * step, axis=1) <= 0 for edge in (right, left)]
     if np.any(folded):
         raise MeshError(
-            f"the wall folds over itself near "
+            "the wall folds over itself near "
             f"{_place(centre_line[:-1][np.any(folded, axis=0)][0])}, "
             "where the profile bends too tightly for its thickness: thin the wall or widen the bend"
         )

@@ -231,7 +231,7 @@ def _thickness(name: str, value: Thickness, profile: Pairs) -> tuple[float, ...]
     if len(thicknesses) != len(profile):
         raise OptionError(
             f"{name} holds {len(thicknesses)} values for {len(profile)} points: give one, or one "
-            f"each"
+            "each"
         )
     for thickness in thicknesses:
         require_length(name, thickness)

@@ -266,8 +266,7 @@ def gradients(basis: Displacements, chosen: Index, rule: Quadrature) -> tuple[Ar
     if inverted_count:
         raise MeshError(
             f"{inverted_count} of {len(basis.mesh.elements)} elements are turned inside out: the "
-            f"mesh "
-            "folds over itself there; use another lattice (accuracy=) or a smoother surface"
+            "mesh folds over itself there; use another lattice (accuracy=) or a smoother surface"
         )
     slopes = basis.slopes(rule.points, np.asarray(np.linalg.inv(jacobians), np.float64), chosen)
     return slopes, determinants * rule.weights

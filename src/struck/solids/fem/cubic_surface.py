@@ -61,12 +61,12 @@ def _names(sides: Index, steps: Index, nodes: int) -> Index:
         if len(ends) == 1:
             names[:, place] = sides[:, ends[0]] * _CUTS
         elif len(ends) == 2:
-            midside_corner = 3 + next(
+            midside_node = 3 + next(
                 k for k, edge in enumerate(_EDGES) if set(edge) == set(ends.tolist())
             )
             # Counted from the end with the lower number, as the neighbour does too.
             low, high = sides[:, ends[0]] < sides[:, ends[1]], step[ends]
-            names[:, place] = sides[:, midside_corner] * _CUTS + np.where(low, high[1], high[0])
+            names[:, place] = sides[:, midside_node] * _CUTS + np.where(low, high[1], high[0])
         else:
             names[:, place] = (nodes + np.arange(len(sides)) * len(steps) + place) * _CUTS
     return names

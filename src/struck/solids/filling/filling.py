@@ -262,7 +262,7 @@ def _require_cavity(body: FilledBody | WalledSheet) -> None:
     raise MeshError(
         f"a wall of {body.wall:g} m leaves no cavity in a body of {rounded(body.mesh.extent, 3)} "
         f"m, {rounded(max_depth, 3)} m deep: leave wall= out for a solid body, or give a thinner "
-        f"wall"
+        "wall"
     )
 
 
@@ -285,9 +285,8 @@ def _find_valid_filling(body: Body, spacing: float, goal: Accuracy) -> Filling:
             complaint += f" on a lattice of {rounded(spacing, 3)} m"
         spacing *= _REFINEMENT
         if nodes_for(body, spacing) > goal.max_nodes:
-            goal = replace(
-                goal, max_nodes=goal.max_thin_nodes
-            )  # a neck or a handle takes as many as a thin body
+            # A neck or a handle takes as many nodes as a thin body.
+            goal = replace(goal, max_nodes=goal.max_thin_nodes)
         if nodes_for(body, spacing) > goal.max_nodes:
             hint = "the outer surface alone with wall=" if body.both_faces else "a thicker wall"
             raise MeshError(
@@ -351,9 +350,8 @@ def _improve_shape(body: Body, filling: Filling, goal: Accuracy) -> Filling:
 def _stuff(body: Body, spacing: float, goal: Accuracy) -> Filling:
     is_thin = not body.is_solid and spacing > body.thickness  # one layer of elements in walls
     max_edges = body.max_edges(spacing) if isinstance(body, FilledBody) else None
-    max_nodes = (
-        goal.max_thin_nodes if max_edges else goal.max_nodes
-    )  # a slender part may take what a thin body takes
+    # A slender part may take as many nodes as a thin body.
+    max_nodes = goal.max_thin_nodes if max_edges else goal.max_nodes
     max_halvings = max(max_nodes - nodes_for(body, spacing), 0) / _NODES_PER_HALVING
     is_cubic = is_thin and body.both_faces
     if is_cubic:

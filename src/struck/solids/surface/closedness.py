@@ -124,8 +124,7 @@ def _require_one_body(depths: Index, volumes: Array) -> None:
     if solid_count:
         raise MeshError(
             f"{counted(solid_count, 'inner shell')} of the mesh with normals outward would be a "
-            f"body "
-            "within the body: flip the faces to make a cavity, remove them, or leave repair on"
+            "body within the body: flip the faces to make a cavity, remove them, or leave repair on"
         )
 
 

@@ -370,8 +370,8 @@ def _sheet(surface: Mended, open_rims: list[Index], wall: float | None, record: 
     if wall is None:
         raise MeshError(
             f"the mesh is an open sheet: to close it would take {100 * fraction:.0f} % of its "
-            f"area, "
-            f"and up to {100 * MAX_OPENING_FRACTION:.0f} % are filled as holes; give wall=, the "
+            f"area, and up to {100 * MAX_OPENING_FRACTION:.0f} % are filled as holes; give wall=, "
+            "the "
             "thickness of the sheet in m"
         )
     if others:
@@ -449,7 +449,7 @@ def mend(mesh: Mesh, record: RepairLog) -> Mended:
     if repeated_count:
         record.note(
             f"{counted(repeated_count, 'face')} {'repeats' if repeated_count == 1 else 'repeat'} "
-            f"others.",
+            "others.",
             f"{counted(repeated_count, 'repeated face')} removed.",
         )
     mesh, fin_count = remove_fins(mesh)
@@ -508,7 +508,7 @@ def make_solid_shells(surface: Mended, is_solid: Mask, record: RepairLog) -> She
         record.note(
             f"{counted(loose_count, 'loose piece')} of the surface without volume.",
             f"{counted(loose_count, 'loose piece')} removed ({rounded(100 * fraction, 2)} % of "
-            f"the area).",
+            "the area).",
         )
     holes = surface.holes(is_solid)
     if holes:
@@ -539,8 +539,7 @@ def remove_hidden(shells: Shells, pairs: Index, record: RepairLog) -> Shells:
         record.note(
             f"{counted(hidden_count, 'shell')} within the material.",
             f"{counted(hidden_count, 'inner shell')} removed: normals outward make no cavity "
-            f"(volume "
-            f"{rounded(solid_volume, 3)}; turned inward they would leave "
+            f"(volume {rounded(solid_volume, 3)}; turned inward they would leave "
             f"{rounded(solid_volume - inner_volume, 3)}).",
         )
     return shells.select(is_bounding)
