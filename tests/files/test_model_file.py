@@ -220,7 +220,8 @@ def test_one_mode(tmp_path: Path) -> None:
 def test_radiation_returns_by_name(tmp_path: Path, name: str) -> None:
     made = model()
     gains = replace(made.gains, radiation=by_name(name))  # type: ignore[type-var]
-    assert_same(replace(made, gains=gains), through(replace(made, gains=gains), tmp_path / "a"))
+    made = replace(made, gains=gains)
+    assert_same(made, through(made, tmp_path / "a.struck"))
 
 
 def test_loaded_model_changes_as_the_first_does(tmp_path: Path) -> None:
@@ -362,8 +363,9 @@ SCHEMA = json.loads(resources.files("struck.files").joinpath("model.schema.json"
 def test_metadata_follow_the_schema(tmp_path: Path, name: str) -> None:
     made = model()
     assert made.material is not None
-    model_file.save(replace(made, material=made.material.damped(DAMPINGS[name])), tmp_path / "a")
-    written = metadata(tmp_path / "a")
+    damped = replace(made, material=made.material.damped(DAMPINGS[name]))
+    model_file.save(damped, tmp_path / "a.struck")
+    written = metadata(tmp_path / "a.struck")
     assert complaints(written, SCHEMA, SCHEMA) == []
     assert set(written) == set(SCHEMA["properties"]) - {"recoil", "chart", "playing_place"}
     written["material"]["damping"]["more"] = 1
@@ -372,8 +374,8 @@ def test_metadata_follow_the_schema(tmp_path: Path, name: str) -> None:
 
 def test_unknown_metadata_follow_the_schema(tmp_path: Path) -> None:
     empty = dict.fromkeys(["material", "mass", "centre", "inertia", "geometry"])
-    model_file.save(replace(model(), **empty), tmp_path / "a")
-    assert complaints(metadata(tmp_path / "a"), SCHEMA, SCHEMA) == []
+    model_file.save(replace(model(), **empty), tmp_path / "a.struck")
+    assert complaints(metadata(tmp_path / "a.struck"), SCHEMA, SCHEMA) == []
 
 
 # Damage

@@ -85,13 +85,13 @@ MODELS = {
 def test_recorded_models_are_saved_without_being_told_where(kind: str, tmp_path: Path) -> None:
     """SOFA files pass sofar's verify, and round-trip to the last bit in frequency and decay."""
     model, path = MODELS[kind](), tmp_path / "model.sofa"
-    model_file.save_model(model, path)
+    model_file.save(model, path)
     read = verified(path)
     assert read.N.tobytes() == model.frequencies.tobytes()
     assert read.ModeDecay.tobytes() == model.decays.tobytes()
     if kind == "two products":
         return
-    again = model_file.load_model(path)
+    again = model_file.load(path)
     assert again.frequencies.tobytes() == model.frequencies.tobytes()
     assert again.decays.tobytes() == model.decays.tobytes()
     assert again.coordinates == model.coordinates
@@ -128,9 +128,9 @@ def test_default_listeners_of_a_field_tell_its_waves_apart() -> None:
 def test_points_on_a_surface_come_back_as_numbered_contacts(tmp_path: Path) -> None:
     model, path = ball(), tmp_path / "ball.sofa"
     with pytest.warns(LossWarning, match=r"ball\.sofa .* without its shape, its material: keep"):
-        model_file.save_model(model, path, contacts=["top", "side"], listeners=HEARD)
+        model_file.save(model, path, contacts=["top", "side"], listeners=HEARD)
     verified(path)
-    again = model_file.load_model(path)
+    again = model_file.load(path)
     assert sorted(again.places) == ["contact 1", "contact 2"]
     assert again.frequencies.tobytes() == model.frequencies.tobytes()
     assert again.decays.tobytes() == model.decays.tobytes()
@@ -158,11 +158,11 @@ def test_what_a_model_tells_of_its_gains_comes_back(tmp_path: Path) -> None:
         gains=replace(plain.gains, unmeasured=np.array([3, 7]), notes=("2 of 25 modes",)),
         provenance=Provenance(method="fit", references=("roy1989", "golub1973"), dropped=dropped),
     )
-    model_file.save_model(model, path)
+    model_file.save(model, path)
     read = verified(path)
     assert np.array_equal(read.ModeError, errors, equal_nan=True)
     assert model.cite() == read.GLOBAL_References
-    again = model_file.load_model(path)
+    again = model_file.load(path)
     assert again.errors is not None
     assert again.errors.tobytes() == errors.tobytes()
     assert again.cite() == model.cite()
@@ -204,20 +204,20 @@ def test_what_cannot_be_told_of_gains_is_refused(
 ) -> None:
     path = tmp_path / "vase.sofa"
     model = replace(field().model(radius=0.1), errors=np.full(25, 1e-4))
-    model_file.save_model(model, path)
+    model_file.save(model, path)
     with h5py.File(path, "r+") as file:
         change(file)
     with pytest.raises(FileFormatError, match=message):
-        model_file.load_model(path)
+        model_file.load(path)
 
 
 def test_unknown_papers_and_endless_notes_do_no_harm(tmp_path: Path) -> None:
     path, notes = tmp_path / "vase.sofa", tuple(f"{each} " * 500 for each in range(100))
     model = replace(field().model(), provenance=Provenance(references=("roy1989",), dropped=notes))
-    model_file.save_model(model, path)
+    model_file.save(model, path)
     with h5py.File(path, "r+") as file:
         file.attrs["ReferenceKeys"] = "roy1989 nobody2099"
-    again = model_file.load_model(path)
+    again = model_file.load(path)
     assert again.cite() == model.cite()
     kept = again.provenance.dropped
     assert 10 < len(kept) < 100
@@ -244,8 +244,8 @@ def test_listeners_inside_a_body_come_back(turned: bool, tmp_path: Path) -> None
     heard = np.concatenate([listeners(), [[0.05, 0.0, 0.05]]])
     gains = np.concatenate([whole_field.gains, 5 * whole_field.gains[:, :1]], axis=1)
     model = replace(whole_field, listeners=heard, gains=gains, radius=0.1).model()
-    model_file.save_model(model, tmp_path / "vase.sofa")
-    again = model_file.load_model(tmp_path / "vase.sofa")
+    model_file.save(model, tmp_path / "vase.sofa")
+    again = model_file.load(tmp_path / "vase.sofa")
     contacts, place = np.column_stack([HEIGHTS, [0.0] * 3])[:, : 1 + turned], heard[-1:]
     outer = model.gains.toward(from_spherical(0.5, 0.0, 1.1))
     for each in (model, again):
@@ -261,20 +261,20 @@ def test_a_residual_is_told_to_be_left_out(tmp_path: Path) -> None:
     rest = Residual(attack=np.ones(8, np.float32), sample_rate=8000, lead=0.0, **bands)
     model = replace(point(), residual=rest)
     with pytest.warns(LossWarning, match="without its residual"):
-        model_file.save_model(model, tmp_path / "mug.sofa")
+        model_file.save(model, tmp_path / "mug.sofa")
     details = {"blow": [0, 3]}
     marked = replace(point(), provenance=point().provenance.extended(**details))
     with pytest.warns(LossWarning, match="without its marks of the blow's modes"):
-        model_file.save_model(marked, tmp_path / "mug.sofa")
+        model_file.save(marked, tmp_path / "mug.sofa")
 
 
 @pytest.mark.parametrize("name", ["mug.wav", "mug.npz", "mug"])
 def test_models_go_to_files_of_models(name: str, tmp_path: Path) -> None:
     with pytest.raises(OptionError, match=r"models end in \.struck"):
-        model_file.save_model(point(), tmp_path / name)
-    model_file.save_model(point(), tmp_path / "mug.STRUCK")
+        model_file.save(point(), tmp_path / name)
+    model_file.save(point(), tmp_path / "mug.STRUCK")
     assert [path.name for path in tmp_path.iterdir()] == ["mug.STRUCK"]
-    assert len(model_file.load_model(tmp_path / "mug.STRUCK").frequencies) == 25
+    assert len(model_file.load(tmp_path / "mug.STRUCK").frequencies) == 25
 
 
 def struck_export(*arguments: object) -> Result:
@@ -308,7 +308,7 @@ def test_the_shell_exports_gains(saved: Path) -> None:
     found = load_sofa_field(path)
     assert found.frequencies.tobytes() == model.frequencies.tobytes()
     assert found.decays.tobytes() == model.decays.tobytes()
-    again = model_file.load_model(path)
+    again = model_file.load(path)
     assert again.frequencies.tobytes() == model.frequencies.tobytes()
     assert again.decays.tobytes() == model.decays.tobytes()
 
@@ -360,14 +360,14 @@ def test_what_does_not_fit_is_refused_and_nothing_is_written(saved: Path, tmp_pa
     with pytest.raises(OptionError, match="holds modes, not samples"):
         sofa_fields.export(ball(), saved.with_suffix(".sofa"), seconds=1.0)
     with pytest.raises(OptionError, match=r"or end in \.sofa"):
-        model_file.save_model(ball(), tmp_path / "other.struck", contacts=["top"])
+        model_file.save(ball(), tmp_path / "other.struck", contacts=["top"])
     assert list(tmp_path.iterdir()) == [saved]
 
 
 def test_what_a_file_of_gains_holds_is_told(tmp_path: Path) -> None:
     """As `struck info` tells it."""
-    model_file.save_model(field().model(), tmp_path / "vase.sofa")
-    told = describe_model(model_file.load_model(tmp_path / "vase.sofa"), "")
+    model_file.save(field().model(), tmp_path / "vase.sofa")
+    told = describe_model(model_file.load(tmp_path / "vase.sofa"), "")
     assert told.lines[0].startswith("25 modes")
     assert told.facts["frequencies"] == field().frequencies.tolist()
     assert told.facts["decays"] == field().decays.tolist()
@@ -380,8 +380,8 @@ def test_a_file_of_another_kind_is_no_model(tmp_path: Path) -> None:
         ball(), path, contacts=["top"], listeners=HEARD, convention="GeneralFIR-E", seconds=0.01
     )
     with pytest.raises(FileFormatError, match="'GeneralFIR-E'"):
-        model_file.load_model(path)
+        model_file.load(path)
     with pytest.raises(FileFormatError, match="nowhere"):
-        model_file.load_model(tmp_path / "nowhere.struck")
-    model_file.save_model(ball(), path, contacts=["top"], listeners=[[0.0, 0.0, 2.0]])
-    assert len(model_file.load_model(path).frequencies)
+        model_file.load(tmp_path / "nowhere.struck")
+    model_file.save(ball(), path, contacts=["top"], listeners=[[0.0, 0.0, 2.0]])
+    assert len(model_file.load(path).frequencies)

@@ -32,7 +32,7 @@ HOSTILE = {
     "lines.linewidth": 9.0,
 }
 # These return figures that others of the list draw.
-OTHERS = {"chart", "show", "picture_of", "_planned"}
+OTHERS = {"chart", "show", "_planned"}
 
 
 @pytest.fixture(scope="module")

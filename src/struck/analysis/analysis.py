@@ -34,7 +34,7 @@ from struck.model.material import Air, Material
 from struck.model.mesh import Mesh, places_of
 from struck.model.model import ModalModel
 from struck.model.modes import Modes
-from struck.model.provenance import ForecastStage, Progress, Provenance, silent
+from struck.model.provenance import ForecastStage, Progress, Provenance, reported, shown, silent
 from struck.radiation import added_mass, by_name
 from struck.radiation.added_mass import recoil_of
 from struck.solids import resolution
@@ -89,7 +89,7 @@ def _model_from_bytes(data: bytes) -> ModalModel:
 MODEL: Stage[ModalModel] = Stage(name="model", pack=_model_to_bytes, unpack=_model_from_bytes)
 
 
-@in_few_threads
+@checked
 def analyze(
     body: Source,
     material: Material | str,
@@ -107,65 +107,204 @@ def analyze(
     damping: str = "own",
     radiation: str = "power",
     recoil: bool = True,
+    modes: int | None = None,
     method: str | None = None,
     backend: str | None = None,
     cache: bool | str | os.PathLike[str] = True,
-    progress: Progress = silent,
+    progress: Progress | None = shown,
 ) -> ModalModel:
-    """Compute the modal model of a body: `struck.analyze`."""
+    """Compute the modal model of a body.
+
+    Parameters
+    ----------
+    body : path, Mesh, VolumeMesh, mesh object, (vertices, faces), solid or shape
+        The body to analyze:
+
+        - path of a surface mesh (OBJ, STL, PLY, OFF, GLB, glTF; also compressed by gz, bz2, xz or
+          zip) or of a volume mesh (VTK, VTU, MSH, INP);
+        - mesh object of trimesh, Open3D or PyVista, or arrays of vertices (V, 3), m, and faces
+          (F, 3);
+        - body of `struck.solids` or `struck.shapes`.
+    material : Material or str
+        A material, or its name as listed by `struck.materials`.
+    units : {"m", "cm", "mm", "in", "ft"}, optional
+        Unit of the coordinates. Default: the unit stored in the file or object, otherwise metres.
+    size : float, optional
+        Scale the body so that the longest edge of its bounding box has this length, m.
+    part : str, optional
+        Name of the part to analyze if the file contains several (see ``struck info``).
+    up : {"x", "y", "z"}, optional
+        Axis that points up. Default: as the file format defines it.
+    wall : float, optional
+        Wall thickness, m. A closed surface becomes a hollow body with its wall inside the surface;
+        an open one becomes a sheet, with half of the thickness on either side.
+    holes : {"keep", "fill"}, optional
+        What to do with holes in a surface that has a wall. Default: keep round and straight-edged
+        holes, fill the others.
+    repair : bool, optional
+        If False, raise MeshError for holes, self-intersections or flipped faces. By default they
+        are repaired, and a RepairWarning lists the repairs.
+    fixed : array-like (2, 3) or callable, optional
+        Where the body is clamped: a box given by two corners, m, or a function of points (N, 3)
+        that returns a mask (N,).
+    accuracy : {"preview", "standard", "fine"}, optional
+        Most frequencies have errors below 3, 0.5 or 0.1 %. Default: "standard".
+    band : (float, float) or (str, str), optional
+        Lowest and highest frequency, Hz or note names. All modes in the band are computed.
+        Default: 20 to 20,000 Hz, unless that would take too long.
+    damping : {"own", "heard"}, default "own"
+        Damping constants of a material that is given by name: internal friction only, or tuned by
+        ear to include mounting and radiation (see `Material.named`).
+    radiation : {"power", "field", "obrien2002", "heuristic1998"}, default "power"
+        How gains are computed. "power": radiated power of each mode, gains in Pa/(N s). "field":
+        the same with directivity, by boundary elements, which takes minutes (see
+        `ModalModel.radiating`). The other two are those of the papers; their gains are relative.
+    recoil : bool, default True
+        Include the sound of a free body that is accelerated as a whole. The methods of the papers
+        never include it.
+    modes : int, optional
+        Keep only this many modes, those that are loudest over all contacts. `provenance` reports
+        the audible difference, dB.
+    method : str, optional
+        For bodies of `struck.shapes`: "formula" (default) or "fem". For all others: "quadratic"
+        elements (default, also called "fem"), or linear tetrahedra as in the 2002 paper with
+        lumped ("obrien2002") or consistent mass ("obrien2002-consistent").
+    backend : {"auto", "rslab", "superlu"}, optional
+        Sparse factorisation. Default: "auto".
+    cache : bool or path, default True
+        True: cache intermediate results in the user's cache directory or in ``$STRUCK_CACHE``.
+        False: no cache. A path: that directory.
+    progress : callable or None, optional
+        Called as ``progress(stage, fraction)``. Default: a line on stderr, or a bar in a notebook.
+        None: silent.
+
+    Returns
+    -------
+    ModalModel
+        All modes in the band, verified by a Sturm count, with an estimated error of each frequency.
+
+    Raises
+    ------
+    MeshError
+        If the surface cannot be repaired or meshed.
+    MaterialError
+        If the material is unknown or its constants are out of range.
+    OptionError
+        If an option is unknown, out of range or does not apply to this body.
+    FileFormatError
+        If the file is missing, damaged or of an unknown format.
+    SolverError
+        If the eigenvalue solver does not converge.
+
+    Examples
+    --------
+    A steel bar, 10 cm long:
+
+    >>> bar = struck.solids.Block(size=(0.1, 0.02, 0.01))
+    >>> model = struck.analyze(bar, "steel", accuracy="preview", progress=None)
+    >>> model.frequencies[:3].round()
+    array([ 5028.,  9203., 11878.])
+
+    A triangle mesh of a hollow sphere with a wall of 4 mm:
+
+    >>> import trimesh
+    >>> mesh = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
+    >>> model = struck.analyze(
+    ...     mesh, "glass", wall=0.004, units="m", accuracy="preview", progress=None
+    ... )
+    >>> len(model.frequencies) > 10
+    True
+    """
+    progress, with_field = reported(progress), radiation == "field"
+    radiation = "power" if with_field else radiation
+    if modes is not None:
+        from struck.perception.audibility import require_budget
+
+        require_budget(modes)
     chosen = Material.of(material, damping)
     if chosen.doubt:
         warnings.warn(chosen.doubt, ScaleWarning, stacklevel=3)
-    limits = lowest, highest = require_band(BAND if band is None else band)  # before any file
+    limits = require_band(BAND if band is None else band)  # before any file
     resolution.level(accuracy or "standard")
     require_holes(holes, wall)
     radiation_model = by_name(radiation)
-    recoil = recoil and radiation_model.calibrated  # the papers' own estimates have none
+    recoil = recoil and radiation_model.calibrated  # the papers' own radiation_models have none
     file = FileOptions(units=units, size=size, part=part, up=up)
     formula = is_shape(body) and method in {None, "formula"}
     if is_shape(body) and not formula:
         require_choice("method", method, ("quadratic", *METHODS))
-    surface_options = {"wall": wall, "accuracy": accuracy, "repair": repair, "holes": holes}
+    options = {"wall": wall, "accuracy": accuracy, "repair": repair, "holes": holes}
     file_options = {option.name: getattr(file, option.name) for option in fields(file)}
-    require_applicable(
-        body, formula=formula, **file_options, **surface_options, fixed=fixed, backend=backend
-    )
+    require_applicable(body, formula=formula, **file_options, **options, fixed=fixed, backend=backend)
+    if is_shape(body) and formula:
+        recoil = recoil and not body.supported
+        model = _by_formula(body, chosen, radiation_model, limits, progress, recoil=recoil)
+    else:
+        model = _by_elements(
+            body,
+            chosen,
+            limits,
+            file=file,
+            options=options,
+            fixed=fixed,
+            chosen_band=band is not None,
+            radiation=radiation,
+            recoil=recoil,
+            method="quadratic" if method is None or method == "fem" else method,
+            backend=backend or "auto",
+            stages=Stages(cache=opened(choice=cache), progress=progress),
+        )
+    if with_field:
+        model = radiating(model, limits, cache=cache, progress=progress)
+    if modes is not None:
+        from struck.perception.audibility import budgeted
+
+        model = budgeted(model, modes)
+    return model
+
+
+@in_few_threads
+def _by_elements(
+    body: Source,
+    material: Material,
+    band: tuple[float, float],
+    *,
+    file: FileOptions,
+    options: Mapping[str, Any],
+    fixed: Fixed | None,
+    chosen_band: bool,
+    radiation: str,
+    recoil: bool,
+    method: str,
+    backend: str,
+    stages: Stages,
+) -> ModalModel:
+    """Compute the model of a body by finite elements."""
     if is_shape(body):
-        if formula:
-            recoil = recoil and not body.supported
-            return _by_formula(body, chosen, radiation_model, limits, progress, recoil=recoil)
         places, playing = body.places, body.playing_place
         body = replace(body.solid(), places=places, playing_place=playing)
         fixed = _choose_fixed(fixed, body.fixed)
-    method = "quadratic" if method is None or method == "fem" else method
-    stages = Stages(cache=opened(choice=cache), progress=progress)
-    solver = _solver(method, backend or "auto")
+    lowest, highest = band
+    solver = _solver(method, backend)
     recoil = recoil and method == "quadratic" and fixed is None
-    progress("cutting the body into elements", 0.0)
-    source = discretise(body, file, stages, **surface_options)
+    stages.progress("cutting the body into elements", 0.0)
+    source = discretise(body, file, stages, **options)
     coarser_levels = resolution.coarser(getattr(source, "accuracy", "preview"))
     solver = replace(solver, coarser=coarser_levels)
     work = _Work(
         stages=stages,
-        material=chosen,
+        material=material,
         highest=highest,
         fixed=fixed,
         method=method,
         solver=solver,
         recoils=recoil,
     )
-    work.require_scale(source, asked=band is not None)
+    work.require_scale(source, asked=chosen_band)
     elements, modes = work.resolved(source)
     provenance = _merge_provenance(elements.provenance, modes, body, method)
     model = work.model(replace(modes, provenance=provenance), elements, radiation, lowest)
     return _recoiling(model) if recoil else model
-
-
-def analyze_with_field(**given: Any) -> ModalModel:  # noqa: ANN401 - as `analyze`
-    """Compute the modal model of a body, and then its timbre field."""
-    band = require_band(BAND if given["band"] is None else given["band"])
-    model = analyze(**{**given, "radiation": "power"})
-    return radiating(model, band, cache=given["cache"], progress=given["progress"])
 
 
 def radiating(
@@ -195,6 +334,7 @@ def _recoiling(model: ModalModel) -> ModalModel:
     )
 
 
+@in_few_threads
 def _by_formula(
     shape: Shape,
     material: Material,
@@ -254,7 +394,7 @@ class _Work:
             raise type(error)(f"{doubt}; else {error}" if doubt else str(error)) from error
         cost = Cost.of(forecast.modes(self.highest), nodes)
         if warning:
-            warnings.warn(warning, ScaleWarning, stacklevel=4)
+            warnings.warn(warning, ScaleWarning, stacklevel=6)
         self.stages.progress(ForecastStage.of(cost, cost.memory), 0.0)
         factorisation.require(int(cost.memory / CERTAIN), self.solver.coarser)
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from struck.batch.batch_report import PAGES, BatchReport, BatchRow, require_labels
 from struck.batch.job import FACTS, OPTIONS, BodyJob
 from struck.batch.job_process import Facts, find_finished
-from struck.batch.job_table import Files, Table, jobs_of, require_known, table_rows
+from struck.batch.job_table import Table, jobs_of, require_known, table_rows
 from struck.batch.processes import Processes, failure
 from struck.batch.strike_set import Strikes, StrikeSet
 from struck.core import machine
@@ -36,7 +36,7 @@ _STAGE = "models"
 
 @checked
 def analyze_many(
-    files: Files = None,
+    files: str | os.PathLike[str] | Iterable[str | os.PathLike[str]] | None = None,
     material: Material | str | None = None,
     *,
     out: str | os.PathLike[str],

@@ -30,7 +30,7 @@ OPTIONS = {  # of `analyze`, with their defaults
     name: each.default
     for name, each in inspect.signature(analyze).parameters.items()
     if name not in {"body", "material", "cache", "progress"}
-} | {"modes": None}
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -40,7 +40,7 @@ from struck.files import guard, meshes, model_file
 from struck.files.atomic import read_bytes, write_bytes
 from struck.model.model import ModalModel
 from struck.model.provenance import ForecastStage
-from struck.perception.audibility import within_budget
+from struck.radiation import by_name
 from struck.solids.resolution import coarser
 
 Facts = dict[str, Any]  # results of a job, as JSON values
@@ -150,8 +150,8 @@ def done(job: BodyJob, folder: Path, progress: Callable[[str, float], None]) -> 
             if facts["parts"]:
                 return _keep(job, folder, facts)
             options = {**job.options, "cache": job.cache, "progress": progress}
-            inputs = {"body": job.file, "material": job.material}
-            model = within_budget(options.pop("modes", None), analyze, **inputs, **options)
+            by_name(options.get("radiation", "power"))  # refuses "field", which takes too long here
+            model = analyze(job.file, job.material, **options)
         if content_of(job.file) != job.content:
             raise OSError(f"{job.file} changed while it was read: run it again")  # noqa: TRY301
         return _write(job, folder, facts | _describe(model), model)

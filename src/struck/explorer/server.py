@@ -193,7 +193,45 @@ def explore(
     browser: bool = True,
     wait: bool = True,
 ) -> Explorer:
-    """Open bodies in the browser; see `struck.explore`."""
+    """Show bodies in a browser, where a click strikes them.
+
+    Parameters
+    ----------
+    model : ModalModel or sequence of ModalModel, optional
+        Default: eighteen demonstration objects, which are computed in the background.
+    names : sequence of str, optional
+        Titles of the models. Default: "Body 1" and so on.
+    objects : sequence of str, optional
+        Names of the demonstration objects to compute, such as "string" or "bell". Default: all.
+    port : int, default 0
+        Port on 127.0.0.1; 0 selects a free one.
+    browser : bool, default True
+        Open a browser, if there is a display.
+    wait : bool, default True
+        Serve until Ctrl-C. Otherwise return, and serve until `Explorer.stop` is called.
+
+    Returns
+    -------
+    Explorer
+        The server, with its `url` and `stop`. It may be used in a ``with`` statement.
+
+    Raises
+    ------
+    MissingDependencyError
+        If starlette or uvicorn is not installed.
+    OptionError
+        If the port is in use or out of range, or the names do not match the models.
+    FileFormatError
+        If the gains of a model cannot be saved.
+
+    Examples
+    --------
+    >>> bar = struck.shapes.Bar(length=0.3, width=0.03, thickness=0.005, ends="free")
+    >>> model = struck.analyze(bar, "steel", progress=None)
+    >>> with struck.explore(model, names=["bar"], browser=False, wait=False) as room:
+    ...     room.url.startswith("http://127.0.0.1:")
+    True
+    """
     models = [model] if isinstance(model, ModalModel) else list(model or ())
     chosen = list(names or (f"Body {number + 1}" for number in range(len(models))))
     if models and objects is not None:

@@ -274,7 +274,7 @@ def _near(plain: object, tensors: Tensors, kinds: tuple[type, ...]) -> tuple[Sur
 
 
 ENDINGS = tuple(f".{ending}" for ending in MODELS)  # of model files
-SHAPES = ".vtu"  # of shapes that `save_model` writes, and that are not read as models
+SHAPES = ".vtu"  # of shapes that `save` writes, and that are not read as models
 VERSION = 2  # the newest; files that older readers can read are written as 1
 _SOFA = ".sofa"
 # What Python raises on JSON of another form than is read.
@@ -300,8 +300,8 @@ _RESIDUAL: Layout = {
 }
 
 
-def save(model: ModalModel, path: str | os.PathLike[str]) -> None:
-    """Write a model so that `load` returns the very same numbers.
+def write_struck(model: ModalModel, path: str | os.PathLike[str]) -> None:
+    """Write a model so that `read_struck` returns the very same numbers.
 
     Parameters
     ----------
@@ -322,8 +322,8 @@ def save(model: ModalModel, path: str | os.PathLike[str]) -> None:
     write_bytes(path, data)
 
 
-def load(path: str | os.PathLike[str]) -> ModalModel:
-    """Read a model that `save` wrote.
+def read_struck(path: str | os.PathLike[str]) -> ModalModel:
+    """Read a model that `write_struck` wrote.
 
     Nothing in the file is executed, and nothing is used before its SHA-256 is checked.
 
@@ -396,14 +396,45 @@ def require_model(path: str | os.PathLike[str]) -> None:
 
 
 @checked
-def save_model(
+def save(
     model: ModalModel,
     path: str | os.PathLike[str],
     *,
     contacts: Places | None = None,
     listeners: ArrayLike | None = None,
 ) -> None:
-    """Write a model to a ``.struck`` file, its gains to a ``.sofa``, its shapes to a ``.vtu``."""
+    """Save a model to a file.
+
+    Parameters
+    ----------
+    model : ModalModel
+        The model.
+    path : path
+        The ending selects the format: ``.struck`` holds the whole model, ``.sofa`` its gains,
+        ``.vtu`` its surface with one vector field for each mode shape.
+    contacts : array-like (K, 3) or sequence of str, optional
+        Contacts of a ``.sofa`` file, m, or names of contacts. Default: those of the recordings.
+    listeners : array-like (L, 3), optional
+        Listeners of a ``.sofa`` file, m. Default: those of the recordings.
+
+    Raises
+    ------
+    FileFormatError
+        If the folder does not exist or cannot be written, or the ending is unknown.
+    OptionError
+        If contacts or listeners are given for another format, or are missing for the ``.sofa`` file
+        of a computed model, or the model has no mode shapes for a ``.vtu`` file.
+
+    Warns
+    -----
+    LossWarning
+        If the model has parts that a ``.sofa`` file cannot hold: a residual, a shape, a material.
+
+    Examples
+    --------
+    >>> bar = struck.shapes.Bar(length=0.3, width=0.03, thickness=0.005, ends="free")
+    >>> struck.save(struck.analyze(bar, "steel", progress=None), "bar.struck")
+    """
     shapes = Path(path).suffix.lower() == SHAPES
     if not shapes:
         _require_ending(path)
@@ -421,14 +452,20 @@ def save_model(
 
         write_shapes(model, path)
     else:
-        save(model, path)
+        write_struck(model, path)
 
 
 @checked
-def load_model(path: str | os.PathLike[str]) -> ModalModel:
-    """Read a model from a ``.struck`` file, or from a ``.sofa`` file of gains of modes."""
+def load(path: str | os.PathLike[str]) -> ModalModel:
+    """Read the model at `path`: a ``.struck`` file, or a ``.sofa`` file of gains of modes.
+
+    Raises
+    ------
+    FileFormatError
+        When the file is missing, damaged, no model, or of a newer version.
+    """
     if not _is_sofa(path):
-        return load(path)
+        return read_struck(path)
     require_model(path)
     from struck.files.sofa_fields import load_sofa_field
 

@@ -501,16 +501,78 @@ def _sounding(models: Sequence[ModalModel] | Scene) -> dict[str, Body]:
     return bodies
 
 
+@checked
 def play(
     model: ModalModel | Sequence[ModalModel] | Scene | Simulation,
     *,
+    listener: Listener | ArrayLike | None = None,
     device: int | str | None = None,
     sample_rate: float | None = None,
+    block: int = 128,
+    volume: float = 0.0,
+    voices: int | None = None,
+    ahead: int | None = None,
     modes: int | None = None,
     control: Control | None = None,
-    **options: Any,  # noqa: ANN401 - of `Player`
 ) -> Player:
-    """Return a running player on an audio device; see `struck.play`."""
+    """Play models, a scene or a simulation on an audio device.
+
+    Parameters
+    ----------
+    model : ModalModel, sequence of ModalModel, Scene or Simulation
+        The bodies, all in one coordinate system; or those of a scene, which `Player.move` and
+        `Player.follow` move; or a simulation, which runs while it sounds.
+    listener : Mono, Stereo, Binaural or array-like (3,), optional
+        Listener as for `render`, at a constant position and orientation, until `Player.listener`
+        is set.
+    device : int or str, optional
+        Number of the output device, or a part of its name (``struck play --list-devices``).
+        Default: the default device of the system.
+    sample_rate : float, optional
+        Hz. Default: that of the device.
+    block : int, default 128
+        Samples per call of the device. Fewer give a lower latency and a higher processor load.
+    volume : float, default 0.0
+        dB. At 0 dB the default strike of the loudest body at its default contact peaks at -12 dB of
+        full scale. A limiter keeps the output below -1 dB.
+    voices : int, optional
+        Maximum number of simultaneous excitations. Default: 16, or 128 for a scene. Strikes at one
+        contact share a voice.
+    ahead : int, optional
+        Number of blocks of forces that are computed ahead. More tolerate a busier machine and
+        increase the latency. Default: 2, or 8 for a scene.
+    modes : int, optional
+        Maximum number of modes of each body, as for `render`. `Player.notes` report the audible
+        difference.
+    control : callable, optional
+        As for `simulate`. Its effect is audible after about 200 ms.
+
+    Returns
+    -------
+    Player
+        A running player. Use it in a ``with`` statement, or call its `stop`.
+
+    Raises
+    ------
+    MissingDependencyError
+        If PortAudio is not installed.
+    DeviceError
+        If there is no such device, or it refuses the sample rate or the block size.
+    OptionError
+        If an option is out of range.
+    ContactError
+        If the listener is inside a body.
+
+    Examples
+    --------
+    .. code-block:: python
+
+        bar = struck.solids.Block(size=(0.1, 0.02, 0.01))
+        model = struck.analyze(bar, "steel", accuracy="preview")
+        with struck.play(model) as player:
+            player.strike(at="top", striker="wood")
+            time.sleep(2)
+    """
     simulation: Any = model if hasattr(model, "started") else None
     models, mode_notes = with_fewer_modes(simulation.scene if simulation else model, modes)
     outlet = Outlet(device, sample_rate)
@@ -519,7 +581,11 @@ def play(
             [models] if isinstance(models, ModalModel) else models,
             outlet=outlet,
             lost=mode_notes,
-            **options,
+            listener=listener,
+            block=block,
+            volume=volume,
+            voices=voices,
+            ahead=ahead,
         )
         if simulation is not None:
             player.simulate(simulation, control)

@@ -213,8 +213,20 @@ class Air:
 AIR = Air(density=1.2041, sound_speed=343.21)  # dry, at 20 degrees Celsius and 101.325 kPa
 
 
+@checked
 def materials() -> Mapping[str, Mapping[str, Any]]:
-    """Return the table of materials by name: group, aliases, constants, damping sets, source."""
+    """Return the table of materials.
+
+    Returns
+    -------
+    mapping
+        By name: group, aliases, constants in SI units, sets of damping constants, and sources.
+
+    Examples
+    --------
+    >>> struck.materials()["steel"]["density"]
+    7850.0
+    """
     return table_of("struck.model", "materials")
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -43,7 +42,42 @@ def audible(
     listener: ArrayLike | None = None,
     level: float | None = None,
 ) -> ModalModel:
-    """Return a model of the modes that are heard anywhere (see `struck.audible`)."""
+    """Reduce a model to the modes that are audible.
+
+    Modes are removed, quietest first, while in every auditory filter their summed level stays below
+    the masking threshold of the remaining modes, at every contact and listener. The gains of the
+    remaining modes are scaled so that the output of the filters changes least.
+
+    Parameters
+    ----------
+    model : ModalModel
+        A model with a surface.
+    contacts : sequence of str or array-like (3,), optional
+        Contacts, as for `ModalModel.contact`. Default: 256 spread over the surface.
+    listener : array-like (3,) or (L, 3), optional
+        Listeners, m. Default: next to the model.
+    level : float, optional
+        Level of the loudest contact, dB re 20 micropascal. Default: 85.
+
+    Returns
+    -------
+    ModalModel
+        The reduced model. Its provenance counts the modes that were removed.
+
+    Raises
+    ------
+    ContactError
+        If a contact is not on the body.
+    OptionError
+        If the model has no surface, or no mode is audible at this level.
+
+    Examples
+    --------
+    >>> plate = struck.solids.Block(size=(0.3, 0.2, 0.004))
+    >>> model = struck.analyze(plate, "steel", accuracy="preview", progress=None)
+    >>> len(struck.audible(model).frequencies) < len(model.frequencies)
+    True
+    """
     hearing = HeardModel.at(model, listener, level)
     intensities = _intensities(model, contacts, hearing)
     cases = intensities.reshape(-1, intensities.shape[2])
@@ -123,16 +157,6 @@ def budgeted(
         budget_distance=max_distance
     )
     return replace(reduced_model, provenance=provenance)
-
-
-def within_budget(
-    modes: int | None,
-    work: Callable[..., ModalModel],
-    **arguments: Any,  # noqa: ANN401 - of the work
-) -> ModalModel:
-    """Return the model that `work` makes of its arguments, within a budget of modes."""
-    require_budget(modes)
-    return budgeted(work(**arguments), modes)
 
 
 def require_budget(modes: int | None) -> None:

@@ -147,7 +147,50 @@ def sonic_distance(
     level: float | None = None,
     method: str = "erb",
 ) -> float:
-    """Return the difference between two impacts as heard, dB (see `struck.sonic_distance`)."""
+    """Return how different the sounds of two strikes are, dB.
+
+    Parameters
+    ----------
+    a : ModalModel
+        First model.
+    b : ModalModel
+        Second model. Give one model twice to compare two of its contacts.
+    at : str or array-like, optional
+        Contact on `a`, as for `ModalModel.contact`. Default: its playing place.
+    against : str or array-like, optional
+        Contact on `b`. Default: its playing place.
+    listener : array-like (3,), optional
+        Position in the coordinates of each model, m. Default: next to the model.
+    level : float, optional
+        Level of the loudest contact of each model, dB re 20 micropascal, so that bodies are
+        compared by timbre. Default: 85.
+    method : {"erb", "doel1998", "doel1998-mean"}, default "erb"
+        "erb": root mean square difference of the levels in those auditory filters in which either
+        sound is above the threshold in quiet. "doel1998": the sum over modes of van den Doel and
+        Pai (1998), section 5, whose root grows with the number of modes. "doel1998-mean": the same
+        divided by the sum of weights, a weighted root mean square.
+
+    Returns
+    -------
+    float
+        Distance, dB; 0 for indistinguishable sounds.
+
+    Raises
+    ------
+    OptionError
+        If the method is unknown, or a method of 1998 is used on models with different modes.
+    ContactError
+        If a contact is not on the body.
+
+    Examples
+    --------
+    >>> bar = struck.solids.Block(size=(0.2, 0.03, 0.01))
+    >>> model = struck.analyze(bar, "steel", accuracy="preview", progress=None)
+    >>> struck.sonic_distance(model, model)
+    0.0
+    >>> struck.sonic_distance(model, model, at="end", against="middle") > 3
+    True
+    """
     require_choice("method", method, METHODS)
     hearing = HeardModel.at(a, listener, level)
     other_hearing = hearing if a is b else HeardModel.at(b, listener, level)

@@ -17,7 +17,7 @@ from struck.model.arrays import Array, Complex, Index, checked, require_number
 from struck.model.contact import Contact
 from struck.model.mesh import Mesh, Surface
 from struck.model.model import ModalModel
-from struck.model.provenance import Progress, silent
+from struck.model.provenance import Progress, reported, shown, silent
 from struck.perception.auditory_scale import integrated, threshold_in_quiet
 from struck.perception.sonic_distance import HeardModel, erb_distance, filter_centres, surface_of
 
@@ -207,16 +207,53 @@ def sound_map(
     *,
     listener: ArrayLike | None = None,
     level: float | None = None,
-    progress: Progress = silent,
+    progress: Progress | None = shown,
 ) -> SoundMap:
-    """Choose the fewest contacts that cover a body, and their sounds (see `struck.sound_map`)."""
+    """Choose the contacts whose sounds represent the whole surface of a body.
+
+    Parameters
+    ----------
+    model : ModalModel
+        A model with a surface.
+    threshold_db : float, default 3.0
+        Largest `sonic_distance` between a stored sound and that of a push straight into the surface
+        at any contact that it represents.
+    listener : array-like (3,), optional
+        Position, m. Default: next to the model.
+    level : float, optional
+        Level of the loudest contact, dB re 20 micropascal. A lower one needs fewer contacts.
+        Default: 85.
+    progress : callable or None, optional
+        As for `analyze`.
+
+    Returns
+    -------
+    SoundMap
+        Contacts, and the triangles of the surface that each represents. Its `bound` holds for all
+        contacts, not for a sample of them (see `docs/explanation/perception.md`).
+
+    Raises
+    ------
+    OptionError
+        If the model has no surface, or a value is out of range.
+    ContactError
+        If the listener is inside the body.
+
+    Examples
+    --------
+    >>> bar = struck.solids.Block(size=(0.1, 0.02, 0.01))
+    >>> model = struck.analyze(bar, "steel", accuracy="preview", progress=None)
+    >>> chart = struck.sound_map(model, threshold_db=6.0, progress=None)
+    >>> chart.gains.shape == (len(chart.contacts), len(chart.frequencies))
+    True
+    """
     hint = "it must exceed 0, such as 3, and 0.1 dB is the least that is told apart"
     require_number("threshold_db", threshold_db, 0.1, hint=hint)
     surface = surface_of(model)
     hearing = HeardModel.at(model, listener, level)
     if len(hearing.listeners) > 1:
         raise OptionError(f"{len(hearing.listeners)} listeners are given: make a map for each")
-    cover = cover_surface(Ear.of(hearing), surface, threshold_db, progress)
+    cover = cover_surface(Ear.of(hearing), surface, threshold_db, reported(progress))
     contact_amplitudes = np.linalg.norm(hearing.amplitudes(cover.points, cover.directions), axis=1)
     points, numbers = np.unique(cover.corners.reshape(-1, 3), axis=0, return_inverse=True)
     return SoundMap(

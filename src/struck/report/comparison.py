@@ -27,7 +27,7 @@ from struck.model.gains import ShapeGains
 from struck.model.html import PAGES, document, picture, table
 from struck.model.model import LOUDEST, ModalModel
 from struck.model.picture_style import in_default_style
-from struck.model.provenance import Progress, silent
+from struck.model.provenance import Progress, reported, shown, silent
 from struck.recordings.calibration.agreement import FittedModes, Partials
 from struck.recordings.calibration.pairing import Pairing, explains, paired, pairs_by_chance
 from struck.recordings.poles.search import PoleFit, fit_poles
@@ -217,13 +217,68 @@ def compare(
     listener: ArrayLike | None = None,
     recording: Sound | None = None,
     widest: float = 1.25,
-    progress: Progress = silent,
+    progress: Progress | None = shown,
 ) -> Comparison:
-    """Compare a model with a recording of the body, or another model (see `struck.compare`)."""
+    """Compare a model with a recording of the body, or with another model.
+
+    Modes are paired by frequency, after O'Brien, Shen and Gatchalian (2002), section 5.
+
+    Parameters
+    ----------
+    model : ModalModel
+        The model.
+    other : path, Sound, Take, ModalModel or FittedModes
+        A recording of one or several hits, whose modes are fitted; a model or its file; or any
+        object with `frequencies`, `decays` and `gains`.
+    at : str or array-like, optional
+        Contact at which both are struck, as for `ModalModel.contact`. Default: the playing
+        place of the model.
+    strike : Strike, optional
+        Strike of both. Default: ``Strike()``.
+    against : Strike, optional
+        Strike of the other model, if it differs.
+    listener : array-like (3,), optional
+        Position in the coordinates of each model, m. Default: next to each model.
+    recording : Sound, optional
+        Recording of fitted modes, for the report. Default: the fitted modes are rendered.
+    widest : float, default 1.25
+        Largest ratio of the two frequencies of a pair.
+    progress : callable or None, optional
+        As for `analyze`.
+
+    Returns
+    -------
+    Comparison
+        Pairs of modes with differences of frequency, decay and level. Its summary states where both
+        were struck.
+
+    Raises
+    ------
+    OptionError
+        If an option is out of range or does not apply.
+    ContactError
+        If the contact is not on the body.
+    RecordingError
+        If the recording is not of a struck object.
+    FileFormatError
+        If the file is missing or damaged.
+    MissingDependencyError
+        If the format of the recording needs a package that is not installed.
+
+    Examples
+    --------
+    >>> from struck.shapes import Bar
+    >>> bar = Bar(length=0.3, width=0.03, thickness=0.005, ends="free")
+    >>> longer = Bar(length=0.303, width=0.03, thickness=0.005, ends="free")
+    >>> models = [struck.analyze(each, "steel", progress=None) for each in (bar, longer)]
+    >>> comparison = struck.compare(*models, progress=None)
+    >>> comparison.cents[:3].round()
+    array([-34., -34., -34.])
+    """
     blow = _blow(at, strike)
     _require_place("model", model, blow)
     if isinstance(other, str | os.PathLike) and Path(other).suffix.lower() in model_file.ENDINGS:
-        other = model_file.load_model(other)
+        other = model_file.load(other)
     if isinstance(other, ModalModel):
         if recording is not None:
             raise OptionError("recording= belongs to fitted modes: another model is rendered")
@@ -231,7 +286,7 @@ def compare(
             "other model", other, against or _same_place(blow, model, other), listener
         )
     else:
-        theirs = _recorded_side(other, against, recording, model, progress)
+        theirs = _recorded_side(other, against, recording, model, reported(progress))
         hint = (
             "" if strike or at is not None else "; give the place or the blow where you know them"
         )

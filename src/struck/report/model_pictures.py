@@ -58,7 +58,7 @@ _WIDE = 8.0  # ratio of frequencies from which ticks at 1, 2 and 5 are enough
 
 
 @checked
-def picture_of(
+def show(
     model: ModalModel,
     path: str | os.PathLike[str] | None = None,
     *,
@@ -67,7 +67,46 @@ def picture_of(
     modes: int | None = None,
     nodal_lines: int | None = None,
 ) -> Figure:
-    """Draw a model as `struck.show` does, and save the picture where a path is given."""
+    """Draw a model: its shape, its first modes and the spectrum of a strike.
+
+    At most one of `field`, `strike`, `modes` and `nodal_lines` selects another picture.
+
+    Parameters
+    ----------
+    model : ModalModel
+        The model.
+    path : path, optional
+        File to save the picture to; the ending selects the format.
+    field : int or "brightness", optional
+        Directivity of the mode of this index, or brightness of a strike in slices around the body.
+    strike : Strike, optional
+        Motion of the surface after this strike (O'Brien, Shen and Gatchalian 2002, figure 4).
+    modes : int, optional
+        Number of mode shapes to draw.
+    nodal_lines : int, optional
+        Number of modes to draw with their nodal lines (Chladni figures), from the broad side of a
+        flat body, from above for others. Pictures count modes from 1.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The picture.
+
+    Raises
+    ------
+    FileFormatError
+        If the folder does not exist, or the ending is not that of a picture.
+    OptionError
+        If the model has no field, no such mode or no mode shapes.
+    ContactError
+        If the contact of the strike is not on the body.
+
+    Examples
+    --------
+    >>> bar = struck.solids.Block(size=(0.1, 0.02, 0.01))
+    >>> model = struck.analyze(bar, "steel", accuracy="preview", progress=None)
+    >>> figure = struck.show(model, "bar.png")
+    """
     requests = {"field": field, "strike": strike, "modes": modes, "nodal_lines": nodal_lines}
     names = [name for name, value in requests.items() if value is not None]
     if len(names) > 1:

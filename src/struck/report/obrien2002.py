@@ -268,7 +268,10 @@ def _chimes(_folder: Path, accuracy: str) -> Staged:
             f'<site site="roof {name}"/><site site="hole {name}"/></spatial>'
         )
         models[name] = analyze(
-            Tube(length=length, radius=_RADIUS, wall=_WALL), constants("chime"), accuracy=accuracy
+            Tube(length=length, radius=_RADIUS, wall=_WALL),
+            constants("chime"),
+            accuracy=accuracy,
+            progress=None,
         )
     return Staged(
         name="chimes",
@@ -329,7 +332,7 @@ def _bowl(folder: Path, accuracy: str) -> Staged:
     written(solid.volume_mesh("preview").surface()[0], folder / "bowl.obj")
     bands = {"bowl 1": (20.0, 16_000.0), "bowl 2": (20.0, 5000.0)}
     made = {
-        name: analyze(solid, constants(name), band=band, accuracy=accuracy)
+        name: analyze(solid, constants(name), band=band, accuracy=accuracy, progress=None)
         for name, band in bands.items()
     }
     body = (
@@ -362,12 +365,20 @@ def _chute(folder: Path, accuracy: str) -> Staged:
     figure = bird()
     written(figure, folder / "bird.obj")
     models: dict[str, Any] = {
-        name: analyze(Block(size=_SHELF), constants(row), band=band, accuracy=accuracy)
+        name: analyze(
+            Block(size=_SHELF), constants(row), band=band, accuracy=accuracy, progress=None
+        )
         for name, (row, _, _, band) in _SHELVES.items()
     }
     path = folder / "bird.obj"
     models["bird*"] = analyze(
-        path, constants("bunny, ceramic"), up="z", wall=0.004, band=_SOFT, accuracy=accuracy
+        path,
+        constants("bunny, ceramic"),
+        up="z",
+        wall=0.004,
+        band=_SOFT,
+        accuracy=accuracy,
+        progress=None,
     )
     parts = [
         f'<body name="{name}" pos="{x} {y} {z}" euler="0 {tilt} 0">'
@@ -404,7 +415,9 @@ def _stack(_folder: Path, accuracy: str, *, times: float = 1.0) -> Staged:
     """Return a stack of hollow cubes that is knocked over, small or ten times as large."""
     edge, root = _BLOCK * times, np.sqrt(times)
     cube = _cube(_BLOCK)
-    model = analyze(cube, constants("blocks"), wall=0.05 * _BLOCK, band=_SOFT, accuracy=accuracy)
+    model = analyze(
+        cube, constants("blocks"), wall=0.05 * _BLOCK, band=_SOFT, accuracy=accuracy, progress=None
+    )
     rows = [(row, column) for row in range(4) for column in range(4 - row)]
     parts = [
         f'<body name="cube {n + 1}" pos="{(c - (3 - r) / 2) * 1.04 * edge} 0 '
@@ -461,7 +474,9 @@ def _the_end(folder: Path, accuracy: str) -> Staged:
             f'<geom type="mesh" mesh="{name}"/></body>'
         )
         x = 0.0 if number == 2 else x + width + 0.02
-        models[name] = analyze(solid, constants("the end"), band=_SOFT, accuracy=accuracy)
+        models[name] = analyze(
+            solid, constants("the end"), band=_SOFT, accuracy=accuracy, progress=None
+        )
     return Staged(
         name="the_end",
         title="The End",
@@ -515,7 +530,9 @@ def _table(x: float, y: float) -> str:
 
 def _slab(x: float, y: float, accuracy: str) -> ModalModel:
     """Return the model of a table's top of granite, of modes up to 4 kHz."""
-    return analyze(Block(size=(x, y, 0.04)), "granite", band=(20.0, 4000.0), accuracy=accuracy)
+    return analyze(
+        Block(size=(x, y, 0.04)), "granite", band=(20.0, 4000.0), accuracy=accuracy, progress=None
+    )
 
 
 def _mjcf(world: str, rest: str = "", options: str = _OPTIONS, *, assets: str = "") -> str:

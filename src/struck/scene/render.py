@@ -24,7 +24,7 @@ from struck.excitation.excitation import Burst, Excitation, Hold, Push, Pushing
 from struck.excitation.pulses import Samples
 from struck.excitation.strike import Strike, after_attack, note_yielding, residual_of
 from struck.files.sound import LARGEST, Sound
-from struck.model.arrays import Array, Complex, require_number
+from struck.model.arrays import Array, Complex, checked, require_number
 from struck.model.contact import Contact
 from struck.model.gains import ShapeGains
 from struck.model.material import AIR
@@ -69,6 +69,7 @@ _BLOCK = 128  # short, since drives of a moving contact are interpolated linearl
 _HEARING_BLOCK = 4096
 
 
+@checked
 def render(
     model: ModalModel | Body | Sequence[Body] | Scene,
     excitations: Action | Sequence[Action] | Contacts = (),
@@ -80,7 +81,62 @@ def render(
     modes: int | None = None,
     fade: float | None = None,
 ) -> Sound:
-    """Return the sound of bodies at a listener (see `struck.render`)."""
+    """Render the sound of excited bodies at a listener.
+
+    Parameters
+    ----------
+    model : ModalModel, Body, sequence of Body, or Scene
+        What sounds. A `Body` is a model with a pose in the scene and its own excitations.
+    excitations : Strike, Scrape, Roll, Pluck, ForceTrack, Hold, sequence of them, or Contacts
+        Forces on a single model or a single `Body` without excitations, or all contacts of a
+        `struck.scene.Scene`. A log in which nothing sounds gives silence as long as the log, with
+        the reason in the notes of the sound.
+    seconds : float, optional
+        Length of the sound. Default: until the slowest of the loud modes (within 40 dB of the
+        loudest) has decayed by 60 dB, at most 10 s after the last excitation.
+    sample_rate : int, default 48000
+        Hz. Modes at or above half of it are left out, and counted in the notes of the sound.
+    listener : Mono, Stereo, Binaural or array-like (3,), optional
+        Listener. A bare position, in body coordinates, m, is a single ear without propagation
+        delay. Default: on the x axis of the body through its centre, at 1 m or at two radii of the
+        body, whichever is farther; for several bodies `Mono()`.
+    room : Room, optional
+        Room whose walls reflect the sound. Needs a `Mono`, `Stereo` or `Binaural` listener.
+    modes : int, optional
+        Use only this many modes of each body, those that are loudest over all contacts. The notes
+        of the sound report the audible difference, dB.
+    fade : float, optional
+        Duration of the fade at the end of a sound that is cut off less than 60 dB below its peak,
+        s; 0 for none. Default: 0.01, or half of a sound shorter than 0.02 s.
+
+    Returns
+    -------
+    Sound
+        One channel per ear, left first; in Pa if the models are calibrated.
+
+    Raises
+    ------
+    OptionError
+        If there is nothing to render, the excitations of several bodies are given together, an
+        argument is out of range, the fade is longer than the sound, a gain is not finite, or an
+        excitation never ends and `seconds` is not given.
+    ContactError
+        If a contact is not on the body, or the listener is inside it.
+
+    Examples
+    --------
+    >>> bar = struck.solids.Block(size=(0.1, 0.02, 0.01))
+    >>> model = struck.analyze(bar, "steel", accuracy="preview", progress=None)
+    >>> sound = struck.render(model, struck.Strike(striker="steel", speed=0.5), seconds=1.0)
+    >>> sound.samples.shape
+    (1, 48000)
+
+    Two strikes, 0.25 s apart, heard in stereo:
+
+    >>> strikes = [struck.Strike(time=0.0), struck.Strike(time=0.25)]
+    >>> struck.render(model, strikes, seconds=1.0, listener=struck.ears.Stereo()).samples.shape
+    (2, 48000)
+    """
     # p(t) = sum_n Im[g_n exp((-d_n + 2 pi i f_n) t)] answers a unit impulse. Half-sine strikes at
     # points are convolved with it in closed form (`struck.synth.ring_down`).
     require_length(seconds, sample_rate)

@@ -18,7 +18,7 @@ from struck.errors import ArgumentError, SimulationError, counted, require_choic
 from struck.files.cache import opened
 from struck.model.arrays import checked, refuse_names, require_number
 from struck.model.model import ModalModel
-from struck.model.provenance import Progress, silent
+from struck.model.provenance import Progress, reported, shown, silent
 from struck.scene.body import Body, Scene
 from struck.scene.contacts import Contacts
 from struck.scene.engines.convex_parts import cut
@@ -318,3 +318,66 @@ def _masses_in_words(masses: Mapping[str, float]) -> list[str]:
     )
     amount = f"{max_mass} kg each" if min_mass == max_mass else f"{min_mass} to {max_mass} kg"
     return [f"{counted(len(masses), 'body')} weigh {amount}, as their elements do: {names}"]
+
+
+@checked
+def simulate(
+    file: str | os.PathLike[str],
+    seconds: float = 5.0,
+    *,
+    control: Control | None = None,
+    progress: Progress | None = shown,
+    **options: Any,  # noqa: ANN401 - of `Simulation`
+) -> tuple[Scene, Contacts]:
+    """Simulate the rigid bodies of a scene file, and log all contacts for `render`.
+
+    Parameters
+    ----------
+    file : path
+        A model of MuJoCo (MJCF), or a robot (URDF).
+    seconds : float, default 5.0
+        Duration, s.
+    control : callable, optional
+        Called as ``control(model, data)`` before each step, with the engine's objects.
+    progress : callable or None, optional
+        As for `analyze`.
+    **options
+        Materials, restitution, engine and others, as for `struck.scene.Simulation`.
+
+    Returns
+    -------
+    scene : Scene
+        The bodies with the models of their sounds. Its notes list bodies that are silent, and why.
+    contacts : Contacts
+        One row for each contact and step.
+
+    Raises
+    ------
+    FileFormatError
+        If the file cannot be read, or names a file outside its folder.
+    SimulationError
+        If the engine refuses the scene, or bodies overlap at the start.
+    OptionError
+        If an option is out of range, or a pattern matches no body.
+    MissingDependencyError
+        If MuJoCo, Rapier or CoACD is needed and not installed.
+
+    Examples
+    --------
+    A wooden block that falls on a floor:
+
+    >>> from pathlib import Path
+    >>> _ = Path("fall.xml").write_text(
+    ...     "<mujoco><worldbody><geom type='plane' size='1 1 0.1'/>"
+    ...     "<body name='block' pos='0 0 0.1'><freejoint/>"
+    ...     "<geom type='box' size='0.05 0.03 0.01'/></body></worldbody></mujoco>"
+    ... )
+    >>> scene, contacts = struck.simulate(
+    ...     "fall.xml", 0.5, materials={"block": "oak"}, accuracy="preview", progress=None
+    ... )
+    >>> sound = struck.render(scene, contacts, seconds=0.5)
+    >>> sound.peak > 0
+    True
+    """
+    simulation = Simulation(file, progress=reported(progress), **options)
+    return simulation.run(seconds, control=control, progress=reported(progress))

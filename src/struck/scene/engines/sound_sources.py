@@ -19,7 +19,7 @@ from struck.analysis.source_options import applicable
 from struck.errors import MaterialError, OptionError, StruckError, nearest
 from struck.excitation.roughness import finish
 from struck.files.atomic import require_readable
-from struck.files.model_file import load_model
+from struck.files.model_file import load as load_model
 from struck.model.arrays import Array, checked, require_number
 from struck.model.damping import Band
 from struck.model.material import Material, require_damping
