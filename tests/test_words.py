@@ -23,9 +23,8 @@ UNIT = re.compile(
     r"|shares?|fraction|seconds|bytes|GiB|times|pixels|cents|degrees|samples?|probability)\b"
     r"|%|0 to 1"
 )
-SECTION = re.compile(
-    r"^(?:Parameters|Attributes)\n-+\n(.*?)(?=^\w[\w ]*\n-+$|\Z)", re.MULTILINE | re.DOTALL
-)
+END = r"(?=^\w[\w ]*\n-+$|\Z)"  # of a section
+SECTION = re.compile(rf"^(?:Parameters|Attributes)\n-+\n(.*?){END}", re.MULTILINE | re.DOTALL)
 # Docstrings may refer to those of another public name.
 REFERENCE = re.compile(r"(?:parameters\s+are\s+those\s+of|\bsee)\s+`(struck\.[\w.]+)`")
 ARRAYS = re.compile(r"\b(?:Array(?:Like)?|Index|Mask|Complex|Single)\b")
@@ -104,6 +103,31 @@ def gaps(name: str) -> list[str]:
     return found
 
 
+def entries(text: str) -> list[str]:
+    """Return the names of the parameters of a docstring, as they are written in its entries."""
+    section = re.search(rf"^Parameters\n-+\n(.*?){END}", text, re.MULTILINE | re.DOTALL)
+    lines = section[1].splitlines() if section else []
+    return [line.partition(" : ")[0] for line in lines if line[:1].strip()]
+
+
+def unlisted(name: str) -> list[str]:
+    """Return the parameters without an entry of their own, and entries for several parameters."""
+    value, text = public()[name], inspect.getdoc(public()[name]) or ""
+    listed = entries(text)
+    if "The parameters are those of `struck." in text:
+        return listed
+    required = set(parameters(value))
+    keywords = {
+        each.name
+        for each in (inspect.signature(value).parameters.values() if required else ())
+        if each.kind is each.VAR_KEYWORD
+    }
+    if set(listed) - required - keywords:  # options of a call, one by one
+        required -= keywords
+    several = [entry for entry in listed if "," in entry]
+    return sorted(required - {entry.lstrip("*") for entry in listed}) + several
+
+
 def is_explained(name: str) -> bool:
     """Return whether a docstring is whole, or a method's is in its protocol or parent class."""
     owner, method = owner_of(name), name.rpartition(".")[2]
@@ -122,6 +146,18 @@ def is_explained(name: str) -> bool:
 def test_docstrings_of_public_names_say_all_a_caller_needs() -> None:
     assert len(public()) > MANY
     assert not {name: gaps(name) for name in public() if not is_explained(name)}
+
+
+def test_each_parameter_has_an_entry() -> None:
+    assert not {name: unlisted(name) for name in public() if unlisted(name)}
+
+
+def test_a_parameter_without_an_entry_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    from struck.model.damping import Rayleigh
+
+    text = "Law.\n\nParameters\n----------\nmass, stiffness : float\n    Both."
+    monkeypatch.setattr(Rayleigh, "__doc__", text)
+    assert unlisted("struck.Rayleigh") == ["external", "mass", "stiffness", "mass, stiffness"]
 
 
 def test_a_gap_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -598,35 +598,36 @@ def model_of_modes(
     method: str = "modes of another program",
     up: str = "z",
 ) -> ModalModel:
-    """Make a model of modes that another program computed or that were measured.
+    """Make a model of modes that another program computed, or that were measured.
 
     Parameters
     ----------
     points : array-like (V, 3)
         Vertices of the surface, m.
-    faces : array-like (F, 3), int
-        Triangles of it, counter-clockwise seen from outside.
+    faces : array-like (F, 3) of int
+        Vertex indices of each triangle, counter-clockwise seen from outside.
     frequencies : array-like (M,)
-        Natural frequencies, Hz, ascending.
+        Natural frequencies, ascending, Hz.
     shapes : array-like (V, 3, M)
         Mass-normalised mode shapes at the vertices, kg^-1/2.
     material : Material
+        Material, whose damping gives the decay rates.
     mass : float
-        kg.
+        Mass, kg.
     centre : array-like (3,)
         Centre of mass, m.
     inertia : array-like (3, 3)
-        About the centre of mass, kg m^2.
-    complete_to : float
-        Hz: no mode below it is missing.
+        Moments of inertia about the centre of mass, kg m^2.
+    complete_to : float, default 0.0
+        Frequency below which no mode is missing, Hz.
     radiation : Radiation, optional
-        Default: radiated power.
+        Estimate of the radiated sound. Default: the radiated power.
     places : mapping of str to array (3,), optional
         Contacts by name, m.
-    method : str
-        What made the modes, for `provenance`.
-    up : str
-        "y" or "z": the axis of the mesh that points upwards.
+    method : str, default "modes of another program"
+        Origin of the modes, for `provenance`.
+    up : {"y", "z"}, default "z"
+        Axis that points up.
 
     Returns
     -------
@@ -636,9 +637,9 @@ def model_of_modes(
     Raises
     ------
     OptionError
-        When numbers are not finite or do not fit each other.
+        If numbers are not finite, or arrays do not fit each other.
     MeshError
-        When the surface has none or impossible faces.
+        If the surface has no faces, or impossible ones.
 
     Notes
     -----

@@ -208,39 +208,51 @@ def tune(
     accuracy: str | None = None,
     progress: Progress | None = shown,
 ) -> Tuning:
-    """Find the dimension `vary` that makes a mode of `body` ring at a frequency, Hz.
+    """Find the dimension of a body for which one of its modes has a given frequency.
 
-    The elements are those that `accuracy` begins with. `struck.analyze` may take finer ones, and is
-    then off by up to its stated error.
+    The elements are those with which `accuracy` begins. `struck.analyze` may take finer ones, and
+    then differs by at most its stated error.
 
     Parameters
     ----------
-    body : a body of struck.solids or struck.shapes
-        Or what makes it, whose arguments are varied: a function whose arguments have defaults, or
+    body : body of struck.solids or struck.shapes, or callable
+        The body, or a function that makes it: one whose arguments have defaults, or
         ``functools.partial(bowl, radius=0.1)``.
     material : Material or str
+        The material.
     vary : str
-        Name of the dimension, such as "length"; or of another number, as a string's "tension".
-    lowest, frequency : float
-        Of the lowest mode, or of `mode`: Hz, or a note as "A5" or "A5+12c".
-    mode : int or str
-        Its number, from 1; or a family's, as "bending 2", "torsion" or "stretching": by how slices
-        across the longest axis move. Two modes of one frequency count once in a family.
-    accuracy : str, optional
-        "preview", "standard" or "fine"; not for bodies computed by a formula.
-        Default: "standard".
-    progress : callable or None
-        As for `struck.analyze`; its last stage is the result as text.
+        Name of the dimension, such as "length", or of another number, such as the "tension" of a
+        string.
+    lowest : float or str, optional
+        Frequency of the lowest mode, Hz, or a note such as "A5" or "A5+12c".
+    frequency : float or str, optional
+        Instead of `lowest`: frequency of `mode`.
+    mode : int or str, default 1
+        Number of the mode, from 1; or of one of a family: "bending 2", "torsion" or "stretching",
+        by the motion of slices across the longest axis. Two modes of one frequency count once in a
+        family.
+    accuracy : {"preview", "standard", "fine"}, optional
+        Accuracy of finite elements; not for formulas. Default: "standard".
+    progress : callable or None, optional
+        As for `struck.analyze`. The last stage reports the change.
 
     Returns
     -------
     Tuning
-        With a copy of the body, as its `body`; as text it says by how much it was changed.
+        The changed copy as its `body`; as text, the change.
 
     Raises
     ------
     OptionError
-        When the body has no such dimension or family, or it does not reach the frequency.
+        If the body has no such dimension or family, or it does not reach the frequency.
+
+    Examples
+    --------
+    >>> from struck.shapes import String
+    >>> string = String(length=0.65, radius=0.0005, tension=70.0)
+    >>> tuning = struck.analysis.tune(string, "steel", vary="tension", lowest="E3", progress=None)
+    >>> round(tuning.body.tension, 2)
+    283.03
     """
     _require_one(lowest, frequency)
     maker = _maker(body)

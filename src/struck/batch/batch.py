@@ -56,74 +56,89 @@ def analyze_many(
     progress: Progress | None = silent,
     **options: Any,  # noqa: ANN401 - of `struck.analyze`
 ) -> BatchReport:
-    """Analyze many mesh files: each body becomes a model in a folder, and a row of a report.
+    """Analyze many mesh files into a folder of models, with a report.
 
-    Each body is analyzed in a separate process with one thread, which writes its ``.struck``
-    file whole: byte for byte what `struck.analyze` with one thread gives. What fails, fails alone.
+    Each body is analyzed by a process of one thread, which writes its ``.struck`` file completely
+    or not at all: byte for byte the result of `struck.analyze` with one thread. A failure of one
+    file does not stop the others, and is reported in its row.
 
     Parameters
     ----------
-    files : str or path, or several, optional
-        Patterns as ``meshes/**/*.obj``, folders and names of files. The folders below the
-        fixed part of a pattern are made again in `out`. A file of several bodies gives one model
-        for each.
+    files : str, path or sequence of them, optional
+        Patterns such as ``meshes/**/*.obj``, folders, and names of files. The folders below the
+        fixed part of a pattern are kept in `out`. A file of several bodies gives one model per
+        body. Default: the files of `table`.
     material : Material or str, optional
-        Of all files whose row in the table names none.
+        Material of every file for which the table has none.
     out : path
-        Folder of models and report; made where it is missing.
+        Folder for the models and the report. It is created if it does not exist.
     table : path or sequence of mappings, optional
         Options of single files: CSV with names in its first line, or TOML with ``[[files]]`` for
         each. Columns are `file` (relative to the table), `material`, `output` (name of the model
-        without its ending) and the options of `struck.analyze`; `band` and `fixed` are numbers with
-        spaces between. Its files need not be among `files`.
+        without its ending) and the options of `struck.analyze`; `band` and `fixed` are numbers
+        separated by spaces. Its files need not be among `files`.
     strikes : int, path, sequence of mappings, or callable, optional
         Strikes of each model, whose sounds are written next to it: a number of random ones; or the
-        same for all models, by a CSV or TOML table of the arguments of `struck.Strike`, and
-        `listener`; or a function of a module, ``chosen(model, generator)``, that returns strikes or
-        pairs of strike and listener.
-    seed : int
-        Of random strikes and of the generator.
-    seconds : float
-        Length of each sound, s.
-    sample_rate : int
-        Sample rate of each sound, Hz.
-    sounds : {"wav", "flac", "npz"}
-        Format: "flac" has 24 bit and needs struck[recordings]; "npz" is one array of all sounds of
-        a model.
+        same for all, by a CSV or TOML table of arguments of `struck.Strike`, and `listener`; or a
+        function of a module, ``chosen(model, generator)``, that returns strikes or pairs of strike
+        and listener. Default: no sounds.
+    seed : int, default 0
+        Seed of random strikes and of the generator.
+    seconds : float, default 1.0
+        Duration of each sound, s.
+    sample_rate : int, default 48000
+        Sample rate of the sounds, Hz.
+    sounds : {"wav", "flac", "npz"}, default "wav"
+        Format of the sounds: WAV; FLAC of 24 bit (struck[recordings]); or one array of all sounds
+        of a model.
     fade : float, optional
         Duration of the fade of sounds that are cut off, s, as for `struck.render`; 0 for none.
-        Default: 10 ms.
-    labels : str
-        Table in `out` of what was struck where, how and heard from where: ``.csv``, or ``.parquet``
+        Default: 0.01.
+    labels : str, default "labels.csv"
+        Table in `out` of the contact, strike and listener of each sound: ``.csv``, or ``.parquet``
         (struck[parquet]).
-    resume : bool
-        Whether results in `out` of the same content and options are kept, failures of meshes
-        included; otherwise all bodies are analyzed again.
+    resume : bool, default True
+        Keep results in `out` of the same content and options, including failures of a mesh.
+        Otherwise compute all again.
     processes : int, optional
-        Number of processes at a time on this machine. Default: its number of cores.
+        Number of processes on this machine. Default: one per core.
     memory : float, optional
-        Limit of all processes together, bytes. As many run at a time as fit by their forecasts; a
-        job that is forecast to take more runs alone, or is refused if that is impossible.
-        Default: the free memory.
+        Bytes that all processes may use together: as many run at once as their forecasts allow; a
+        body whose forecast exceeds it runs alone, or is refused if that is impossible. Default: the
+        free memory.
     scheduler : str or distributed.Client, optional
-        A Dask cluster that does the work instead (struck[batch]), as "tcp://host:8786".
-    cache : bool or path
-        As for `struck.analyze`; of a cluster, each worker's own.
-    progress : callable
-        Told the stage and the fraction of it that is done.
+        A Dask cluster that does the work instead (struck[batch]), such as "tcp://host:8786".
+    cache : bool or path, default True
+        As for `struck.analyze`; on a cluster, a cache of each worker.
+    progress : callable or None, optional
+        Called as ``progress(stage, fraction)``. Default: silent.
     **options
-        All options of `struck.analyze` for every file, unless the table has others.
+        Options of `struck.analyze` for every file for which the table has no others.
 
     Returns
     -------
     BatchReport
-        A row for each body. It is also written to `out` as ``report.csv``, ``.json`` and ``.html``.
+        One row for each body; also written to `out` as ``report.csv``, ``.json`` and ``.html``.
 
     Raises
     ------
-    OptionError, FileFormatError, MissingDependencyError
-        On what concerns all: no files, two models of one name, unknown options, a folder that
-        cannot be written, a missing package. Errors of one file are reported in its row.
+    OptionError
+        If there are no files, two models would have one name, or an option is unknown.
+    FileFormatError
+        If a table is damaged, or the folder cannot be written.
+    MissingDependencyError
+        If an option needs a package that is not installed.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> for name, radius in (("small", 0.02), ("large", 0.03)):
+    ...     _ = trimesh.creation.icosphere(subdivisions=2, radius=radius).export(f"{name}.stl")
+    >>> report = struck.analyze_many(
+    ...     "*.stl", "steel", out="models", accuracy="preview", units="m", progress=None
+    ... )
+    >>> [row.model for row in report.rows]
+    ['large.struck', 'small.struck']
     """
     strike_set = None
     require_known(options, "analyze_many", (*OPTIONS, *[*signature(analyze_many).parameters][:-1]))

@@ -40,24 +40,34 @@ class BatchRow:
 
     Parameters
     ----------
-    file, part, material : str
-        Of which body, by the names of its file and of its part where a file holds several.
-    model : str
-        Name of its model in the folder; "" without one.
+    file : str
+        Name of the file.
+    part : str, default ""
+        Name of the part of a file with several bodies.
+    material : str, default ""
+        Name of the material.
+    model : str, default ""
+        Name of the model in the folder; empty if there is none.
     status : str
         "done" or "failed".
-    modes : int
-        Number of modes; with 0, the body sounds by its recoil alone, as `message` reports.
-    lowest, error : float or None
-        Lowest frequency, Hz, and the largest relative error of a frequency.
-    cpu, memory : float
-        Processor time, s, and peak of memory, bytes, of its process.
-    warnings : tuple of str
-        What was repaired, or doubted.
-    failure, message : str
-        Name of the error, and what it says; or what was left out.
-    labels : tuple of mappings
-        For each sound, the arguments of `struck.Strike` and `struck.render` that give it again.
+    modes : int, default 0
+        Number of modes. If 0, only the recoil of the body is audible, as `message` states.
+    lowest : float or None, default None
+        Lowest frequency, Hz.
+    error : float or None, default None
+        Largest relative error of a frequency.
+    cpu : float, default 0.0
+        Processor time, s.
+    memory : float, default 0.0
+        Peak memory of the process, bytes.
+    warnings : tuple of str, optional
+        Repairs and doubts.
+    failure : str, default ""
+        Name of the error.
+    message : str, default ""
+        Text of the error, or what was left out.
+    labels : tuple of mappings, optional
+        Arguments of `struck.Strike` and `struck.render` for each of its sounds.
     """
 
     file: str
@@ -77,7 +87,20 @@ class BatchRow:
 
     @classmethod
     def of(cls, job: BodyJob, facts: Mapping[str, Any]) -> BatchRow:
-        """Return the report's row of an ended job from its facts."""
+        """Make the row of a finished job.
+
+        Parameters
+        ----------
+        job : BodyJob
+            The job.
+        facts : mapping
+            Content of its facts file.
+
+        Returns
+        -------
+        BatchRow
+            The row.
+        """
         material, model = job.material, "" if "failure" in facts else f"{job.output}{MODEL}"
         material_name = material.name if isinstance(material, Material) else material
         body = {
@@ -96,7 +119,13 @@ class BatchRow:
         )
 
     def plain(self) -> dict[str, Any]:
-        """Return the row as JSON values, without the labels of its sounds."""
+        """Return the row as JSON values.
+
+        Returns
+        -------
+        dict
+            Values by name, without the labels of the sounds.
+        """
         values = asdict(self)
         del values["labels"]
         return values
@@ -139,7 +168,18 @@ class BatchReport:
         )
 
     def written(self, labels: str) -> BatchReport:
-        """Write report, page and the table of labels into the folder; return the report."""
+        """Write report, page and the table of labels to the folder.
+
+        Parameters
+        ----------
+        labels : str
+            Name of the table of labels.
+
+        Returns
+        -------
+        BatchReport
+            The report itself.
+        """
         rows, folder = [row.plain() for row in self.rows], self.folder
         write_bytes(folder / PAGES[0], json.dumps(rows, indent=1).encode())
         write_bytes(

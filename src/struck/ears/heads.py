@@ -63,7 +63,18 @@ class Head(Protocol):
         ...
 
     def prepared(self, sample_rate: float) -> Filters:
-        """Return the head's filters at a `sample_rate`, Hz; long work is done here, and kept."""
+        """Compute the filters of the head, and keep them.
+
+        Parameters
+        ----------
+        sample_rate : float
+            Sample rate, Hz.
+
+        Returns
+        -------
+        Filters
+            Filters from directions to both ears.
+        """
         ...
 
 
@@ -108,15 +119,24 @@ class SphereHead:
 
     Parameters
     ----------
-    radius : float
-        m.
-    ear_angle : float
-        From the front to each ear, degrees.
+    radius : float, default 0.0875
+        Radius of the sphere, m.
+    ear_angle : float, default 90.0
+        Angle from the front to each ear, degrees.
 
     Raises
     ------
     OptionError
         If the radius is not between 0.05 and 0.15 m, or the angle not between 0 and 180 degrees.
+
+    Examples
+    --------
+    >>> from struck.ears import SphereHead
+    >>> filters = SphereHead().prepared(48_000)
+    >>> left = np.array([[0.0, 1.0, 0.0]])
+    >>> delays, responses = filters.toward(left, np.array([2.0]))
+    >>> bool(delays[0, 0] < delays[0, 1])  # the left ear is nearer
+    True
     """
 
     name: str = field(default="sphere", init=False, repr=False)
@@ -135,7 +155,23 @@ class SphereHead:
             )
 
     def prepared(self, sample_rate: float) -> Filters:
-        """Return the head's filters (kept, once made); OptionError outside 4 to 384 kHz."""
+        """Compute the filters of the head, and keep them.
+
+        Parameters
+        ----------
+        sample_rate : float
+            Sample rate, Hz, from 4,000 to 384,000.
+
+        Returns
+        -------
+        Filters
+            Filters from directions to both ears.
+
+        Raises
+        ------
+        OptionError
+            If the sample rate is out of range.
+        """
         require_rate(sample_rate, _HIGHEST_RATE)
         return _sphere_filters(self.radius, self.ear_angle, sample_rate)
 

@@ -16,18 +16,20 @@ from struck.model.arrays import Array, checked, require_sample_rate
 
 @checked
 class Hearing:
-    """The ears of a listener among bodies, with the memory of the sound under way.
+    """The ears of a listener among bodies: all that remembers sound on its way.
 
     Parameters
     ----------
     emitters : sequence of Emitter
+        Sources, one per body.
     listener : Listener
+        The listener.
     sample_rate : float
-        Hz.
-    room : Room or None
-        Room whose walls reflect the sound.
-    brief : bool
-        Whether measured heads are cut short, as for playing live.
+        Sample rate, Hz.
+    room : Room or None, default None
+        Room whose walls reflect.
+    brief : bool, default False
+        Shorten measured responses, for live playing.
 
     Attributes
     ----------
@@ -37,9 +39,9 @@ class Hearing:
     Raises
     ------
     ContactError
-        If the listener is inside a body.
+        Where the listener is inside a body.
     OptionError
-        If a direction or a distance is impossible.
+        On directions or distances that cannot be.
 
     Notes
     -----
@@ -89,12 +91,18 @@ class Hearing:
         return self.propagation.lead
 
     def next_block(self, samples: Array) -> Array:
-        """Return the next block of sound at the ears (ears, n), `lead` samples late.
+        """Compute the next block of sound at the ears, `lead` samples late.
 
         Parameters
         ----------
         samples : array (lines, n)
-            Sound of bodies at 1 m; with a timbre field, at each ear without the travel time.
+            Sound of the bodies at 1 m; with a timbre field, at each ear without the propagation
+            delay.
+
+        Returns
+        -------
+        array (ears, n)
+            Sound at the ears.
         """
         blocks, position = [], 0
         while position < samples.shape[1]:

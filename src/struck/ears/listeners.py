@@ -34,13 +34,21 @@ class Trajectory:
     Parameters
     ----------
     name : str
-        Name in error messages.
+        Name of the quantity, for messages.
     times : array (T,)
-        Times of a table, s; one for a point that does not move.
+        Times of a table, s; a constant has one.
     points : array (T, 3)
-        Values at these times.
-    function : callable or None
-        Function of the time in s that is used instead of a table. Default: None.
+        Points or directions at these times.
+    function : callable or None, default None
+        Function of time, s, instead of a table.
+
+    Examples
+    --------
+    >>> from struck.ears import Trajectory
+    >>> path = Trajectory.of("position", ([0.0, 1.0], [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]]))
+    >>> path.at(np.array([0.25, 3.0]))
+    array([[0.5, 0. , 0. ],
+           [2. , 0. , 0. ]])
     """
 
     __repr__ = brief
@@ -51,12 +59,24 @@ class Trajectory:
 
     @classmethod
     def of(cls, name: str, course: Course3) -> Trajectory:
-        """Return the trajectory of a `course`, called `name` in messages.
+        """Make a trajectory of a constant, a table or a function.
+
+        Parameters
+        ----------
+        name : str
+            Name of the quantity, for messages.
+        course : array-like (3,), (times, points) or function of time
+            Constant, table (T,), (T, 3), or function.
+
+        Returns
+        -------
+        Trajectory
+            The trajectory.
 
         Raises
         ------
         OptionError
-            On what is no point, table or function.
+            If the course is none of these.
         """
         if callable(course):
             return cls(name=name, times=np.zeros(0), points=np.zeros((0, 3)), function=course)
@@ -75,9 +95,20 @@ class Trajectory:
         return self.function is not None or len(self.times) > 1
 
     def at(self, times: Array) -> Array:
-        """Return the values at some times, s (n,): (n, 3).
+        """Interpolate the trajectory.
 
-        Sound that arrives first was sent before 0 s; the value at 0 s holds until then.
+        Sound that is heard at first was sent before 0 s; until then the trajectory is constant as
+        at 0 s.
+
+        Parameters
+        ----------
+        times : array (n,)
+            Times, s.
+
+        Returns
+        -------
+        array (n, 3)
+            Points or directions.
         """
         if self.function is not None:
             points = [self.function(max(time, 0.0)) for time in times.tolist()]
@@ -151,7 +182,20 @@ class Listener(Protocol):
         ...
 
     def filters(self, sample_rate: float, *, brief: bool = False) -> Filters:
-        """Return the head's filters at a `sample_rate`, Hz; `brief` ones, cut short, play live."""
+        """Return the filters of the head.
+
+        Parameters
+        ----------
+        sample_rate : float
+            Sample rate, Hz.
+        brief : bool, default False
+            Shorten measured responses, for live playing.
+
+        Returns
+        -------
+        Filters
+            Filters from directions to the ears.
+        """
         ...
 
 
@@ -179,14 +223,22 @@ class Mono:
 
     Parameters
     ----------
-    position : array-like (3,), (times, points) or function of time
-        m; see `Course3`. None: on the x axis of the first body through its centre, 1 m or two of
-        its radii away.
+    position : array-like (3,), (times, points), function of time or None, default None
+        Position, m. None: on the x axis of the first body through its centre, at 1 m or at two of
+        its radii, whichever is farther.
 
     Raises
     ------
     OptionError
-        On a position that is none.
+        If the position is not one.
+
+    Examples
+    --------
+    >>> bar = struck.shapes.Bar(length=0.3, width=0.03, thickness=0.005)
+    >>> model = struck.analyze(bar, "steel", progress=None)
+    >>> ear = struck.Mono(position=(2.0, 0.0, 0.0))
+    >>> struck.render(model, struck.Strike(), seconds=0.5, listener=ear).samples.shape
+    (1, 24000)
     """
 
     position: Course3 | None = None
@@ -215,7 +267,20 @@ class Mono:
         return np.zeros((1, 3))
 
     def filters(self, sample_rate: float, *, brief: bool = False) -> Filters:
-        """Return identity filters: one ear, and the sound unchanged."""
+        """Return identity filters: one ear, and the sound unchanged.
+
+        Parameters
+        ----------
+        sample_rate : float
+            Has no effect.
+        brief : bool, default False
+            Has no effect.
+
+        Returns
+        -------
+        Filters
+            Filters of one ear.
+        """
         del sample_rate, brief
         return Unchanged(ears=1)
 
@@ -227,24 +292,41 @@ class Stereo:
 
     Parameters
     ----------
-    position, facing, up : array-like (3,), (times, points) or function of time
-        See `Listener`. Left is up x facing.
-    head : str
-        "exact": sound around a rigid sphere, near sources too (Duda and Martens 1998);
-        "woodworth": the delay of the shortest way around it (Woodworth 1938), the level by a filter
-        of first order (Brown and Duda 1998); "simple1998": that delay alone, the left-right
+    position : array-like (3,), (times, points), function of time or None, default None
+        Position, m. None: on the x axis of the first body through its centre, at 1 m or two of its
+        radii.
+    facing : array-like (3,), (times, points), function of time or None, default None
+        Direction of view. None: toward the bodies, as described in `Listener`.
+    up : array-like (3,), (times, points) or function of time, default (0, 0, 1)
+        Direction of the top of the head. Left is up x facing.
+    head : {"exact", "woodworth", "simple1998"}, default "exact"
+        "exact": diffraction by a rigid sphere, for near sources too (Duda and Martens 1998);
+        "woodworth": the delay of the shortest path around it (Woodworth 1938), and the level by a
+        filter of first order (Brown and Duda 1998); "simple1998": only that delay, the left-right
         localisation of van den Doel and Pai (1998).
-    radius : float
-        Of the ball, m.
-    field : "head", "ears" or None
-        How bodies with a timbre field are heard: at the head's centre, and then through the head;
-        or at two bare points, as of 2007, by which the field itself is all that ears tell apart.
-        None: computed fields by the head, recorded ones by the ears.
+    radius : float, default 0.0875
+        Radius of the sphere, m.
+    field : {"head", "ears"} or None, default None
+        How bodies with a timbre field are heard: "head": at the centre of the head, and then
+        through the head; "ears": at two bare points, as in 2007, so that only the field
+        distinguishes the ears. None: computed fields by the head, recorded ones by the ears.
 
     Raises
     ------
     OptionError
-        On an unknown head, or arguments outside their bounds.
+        If the head is unknown, or an argument is out of range.
+
+    Examples
+    --------
+    >>> bar = struck.shapes.Bar(length=0.3, width=0.03, thickness=0.005)
+    >>> body = struck.Body(
+    ...     model=struck.analyze(bar, "steel", progress=None), excitations=struck.Strike()
+    ... )
+    >>> ears = struck.Stereo(position=(0.0, -1.0, 0.0), facing=(1.0, 0.0, 0.0))  # body on the left
+    >>> sound = struck.render([body], seconds=0.5, listener=ears)
+    >>> left, right = np.abs(sound.samples).max(axis=1)
+    >>> bool(left > right)
+    True
     """
 
     position: Course3 | None = None
@@ -264,7 +346,20 @@ class Stereo:
         return _on_sides(self.radius)
 
     def filters(self, sample_rate: float, *, brief: bool = False) -> Filters:
-        """Return the filters of a rigid ball at a sample rate."""
+        """Return the filters of a rigid sphere.
+
+        Parameters
+        ----------
+        sample_rate : float
+            Sample rate, Hz.
+        brief : bool, default False
+            Has no effect.
+
+        Returns
+        -------
+        Filters
+            Filters of both ears.
+        """
         del brief
         return _ball(self.head, self.radius).prepared(sample_rate)
 
@@ -276,22 +371,37 @@ class Binaural:
 
     Parameters
     ----------
-    position, facing, up : array-like (3,), (times, points) or function of time
-        See `Listener`. Left is up x facing.
-    hrtf : str or path
+    position : array-like (3,), (times, points), function of time or None, default None
+        Position, m. None: on the x axis of the first body through its centre, at 1 m or two of its
+        radii.
+    facing : array-like (3,), (times, points), function of time or None, default None
+        Direction of view. None: toward the bodies, as described in `Listener`.
+    up : array-like (3,), (times, points) or function of time, default (0, 0, 1)
+        Direction of the top of the head. Left is up x facing.
+    hrtf : str or path, default "kemar"
         "kemar": the dummy head of Gardner and Martin (1994), which comes with struck; or a SOFA
         file of the convention SimpleFreeFieldHRIR.
-    radius : float
-        Half the distance of the ears, m: where fields are heard by bare ears.
-    field : "head", "ears" or None
-        As of `Stereo`.
+    radius : float, default 0.0875
+        Half of the distance between the ears, m, if fields are heard at two bare points.
+    field : {"head", "ears"} or None, default None
+        How bodies with a timbre field are heard: "head": at the centre of the head, and then
+        through the head; "ears": at two bare points, as in 2007, so that only the field
+        distinguishes the ears. None: computed fields by the head, recorded ones by the ears.
 
     Raises
     ------
     OptionError
-        On arguments outside their bounds.
+        If an argument is out of range.
     FileFormatError
-        On a file that is missing, or no such set.
+        If the file is missing, or is not such a set.
+
+    Examples
+    --------
+    >>> bar = struck.shapes.Bar(length=0.3, width=0.03, thickness=0.005)
+    >>> model = struck.analyze(bar, "steel", progress=None)
+    >>> sound = struck.render(model, struck.Strike(), seconds=0.5, listener=struck.Binaural())
+    >>> sound.samples.shape
+    (2, 24000)
     """
 
     position: Course3 | None = None
@@ -313,7 +423,22 @@ class Binaural:
         return _on_sides(self.radius)
 
     def filters(self, sample_rate: float, *, brief: bool = False) -> Filters:
-        """Return the filters of the measured head; brief ones last 5 ms, 256 samples at 48 kHz."""
+        """Return the filters of the measured head.
+
+        Brief ones last 5 ms, 256 samples at 48 kHz.
+
+        Parameters
+        ----------
+        sample_rate : float
+            Sample rate, Hz.
+        brief : bool, default False
+            Shorten measured responses, for live playing.
+
+        Returns
+        -------
+        Filters
+            Filters of both ears.
+        """
         from struck.ears.measured_head import BUNDLED, MeasuredHead
 
         name = os.fspath(self.hrtf)

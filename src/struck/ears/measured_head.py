@@ -456,6 +456,15 @@ class MeasuredHead:
     ----------
     measured : HrtfSet
         Its responses.
+
+    Examples
+    --------
+    >>> from struck.ears import MeasuredHead
+    >>> head = MeasuredHead.named("kemar")
+    >>> left = np.array([[0.0, 1.0, 0.0]])
+    >>> delays, responses = head.prepared(48_000).toward(left, np.array([2.0]))
+    >>> responses.shape[:2]
+    (1, 2)
     """
 
     measured: HrtfSet
@@ -463,19 +472,45 @@ class MeasuredHead:
     @classmethod
     @checked
     def named(cls, name: str) -> MeasuredHead:
-        """Return a head whose responses come with struck: "kemar"; OptionError on another name."""
+        """Return a head whose responses come with struck.
+
+        Parameters
+        ----------
+        name : str
+            Name: "kemar".
+
+        Returns
+        -------
+        MeasuredHead
+            The head.
+
+        Raises
+        ------
+        OptionError
+            If there is no such name.
+        """
         return cls(read_bundled(name))
 
     @classmethod
     def read(cls, path: str | Path) -> MeasuredHead:
-        """Return the measured head in the SOFA file at `path`.
+        """Read a measured head from a SOFA file.
+
+        Parameters
+        ----------
+        path : path
+            The file.
+
+        Returns
+        -------
+        MeasuredHead
+            The head.
 
         Raises
         ------
         FileFormatError
-            If the file cannot be read or is not a set of this convention.
+            If the file cannot be read as a measured head.
         MissingDependencyError
-            When h5py is not installed.
+            If h5py is not installed.
         """
         return cls(read_sofa(path))
 
@@ -490,9 +525,24 @@ class MeasuredHead:
         return self.measured.references
 
     def prepared(self, sample_rate: float, *, brief: bool = False) -> Filters:
-        """Return the head's filters (kept, once made), `brief` ones for playing live.
+        """Compute the filters of the head, and keep them.
 
-        Raises OptionError unless `sample_rate` is from 4 to 768 kHz.
+        Parameters
+        ----------
+        sample_rate : float
+            Sample rate, Hz, from 4,000 to 768,000.
+        brief : bool, default False
+            Shorten measured responses, for live playing.
+
+        Returns
+        -------
+        Filters
+            Filters from directions to both ears.
+
+        Raises
+        ------
+        OptionError
+            If the sample rate is out of range.
         """
         require_rate(sample_rate, 768000)
         lengths = (BRIEF,) if brief else ()

@@ -40,18 +40,18 @@ class Emitter:
     Parameters
     ----------
     centre : Trajectory or MovingPoint
-        Apparent origin of the sound, m.
-    radius : float
-        Radius of the ball about the centre that contains the body, m. Default: 0.
-    surface : Surface or None
-        Surface in which no listener may be, in the coordinates of the body of the centre; None: the
-        ball. Default: None.
-    nearest : float
-        Distance below which the sound gets no louder, m. Default: 0.
-    field : {"head", "ears"} or None
-        Where the gains of a timbre field are evaluated if the listener does not choose: at the
-        head's centre, followed by the head's filters; or at each ear, without a head. The gains
-        contain the distance law. None: the same sound in all directions. Default: None.
+        Acoustic centre of the body, m.
+    radius : float, default 0.0
+        Radius of a sphere about the centre that encloses the body, m.
+    surface : Surface or None, default None
+        Surface within which no listener may be, in the coordinates of the body of the centre. None:
+        the sphere.
+    nearest : float, default 0.0
+        Distance below which the level is constant, m, as the sound comes from all sides.
+    field : {"head", "ears"} or None, default None
+        Whether gains depend on direction, and are heard at the centre of the head, and then through
+        the head, or at each ear, without a head, unless the listener has another setting. No
+        distance law is applied in addition. None: equal in all directions.
     """
 
     centre: Trajectory | MovingPoint
@@ -61,7 +61,20 @@ class Emitter:
     field: str | None = None
 
     def holds(self, place: Array, time: float) -> bool:
-        """Return whether a place, m (3,), is inside the body at a time, s."""
+        """Return whether a point is inside the body at a time.
+
+        Parameters
+        ----------
+        place : array (3,)
+            Point, m.
+        time : float
+            Time, s.
+
+        Returns
+        -------
+        bool
+            True inside the surface, or the sphere.
+        """
         moment = np.array([time])
         distance = float(np.linalg.norm(place - self.centre.at(moment)[0]))
         if self.surface is None or not isinstance(self.centre, MovingPoint):

@@ -37,22 +37,22 @@ class Reverberation:
     Parameters
     ----------
     seconds : float or mapping of float or str to float
-        Time in which the sound dies away by 60 dB; or one such time for each centre of a band, Hz
-        (or "1 kHz", or a note).
-        Between two centres the bands fade into one another over the logarithm of the frequency;
+        Reverberation time T60, s; or one for each centre frequency of a band, Hz (or "1 kHz", or a
+        note). Between two centres the bands are cross-faded over the logarithm of the frequency;
         the lowest and the highest reach to the ends of the spectrum.
     volume : float, optional
-        Of the room, m^3: gives the level.
+        Volume of the room, m^3, from which the level follows.
     level : float, optional
-        In place of the volume: energy of the whole decay in dB over that of the direct sound at
-        1 m from the source.
-    seed : int
-        Of the noise.
+        Instead of the volume: energy of the whole decay relative to that of the direct sound at 1 m
+        from the source, dB.
+    seed : int, default 0
+        Seed of the noise.
 
     Raises
     ------
     OptionError
-        When a time, a band or the volume is not positive, or not one of volume and level is given.
+        If a time, a band or the volume is not positive, or volume and level are both given or both
+        missing.
 
     Notes
     -----
@@ -61,6 +61,14 @@ class Reverberation:
     are equal at the critical distance sqrt(A / (16 pi)). With A from Sabine's formula the decay
     after an impulse starts at an energy of 4 pi c / V a second, whatever the reverberation time
     (H. Kuttruff, Room Acoustics, 5th ed., Spon Press, 2009, chapter 5).
+
+    Examples
+    --------
+    >>> hall = struck.Reverberation(seconds={"250 Hz": 2.0, "4 kHz": 1.0}, volume=2000.0)
+    >>> hall.bands().tolist()
+    [[250.0, 2.0], [4000.0, 1.0]]
+    >>> hall.critical_distances().round(1)
+    array([1.8, 2.5])
     """
 
     seconds: float | Mapping[float | str, float]
@@ -87,9 +95,14 @@ class Reverberation:
         require_number("seed", self.seed, 0, 2.0**63)
 
     def bands(self) -> Array:
-        """Return centre (Hz) and reverberation time (s) of each band, rising: (bands, 2).
+        """Return centre frequency and reverberation time of each band.
 
-        One time for all bands stands at 1 kHz.
+        A single time is at 1 kHz.
+
+        Returns
+        -------
+        array (bands, 2)
+            Centre frequencies, ascending, Hz, and T60, s.
         """
         times = self.seconds if isinstance(self.seconds, Mapping) else {1000.0: self.seconds}
         table = numbers(
@@ -99,9 +112,14 @@ class Reverberation:
         return table[np.argsort(table[:, 0], kind="stable")]
 
     def absorption_areas(self) -> Array:
-        """Return the absorption area of each band, m^2: (bands,).
+        """Compute the absorption area of each band.
 
-        From the volume by Sabine's formula, else from the level.
+        It follows from the volume by Sabine's formula, otherwise from the level.
+
+        Returns
+        -------
+        array (bands,)
+            Absorption areas, m^2.
         """
         if self.volume is not None:
             return SABINE * self.volume / self.bands()[:, 1]
@@ -109,9 +127,14 @@ class Reverberation:
         return np.full(len(self.bands()), 16 * math.pi / 10 ** (level / 10))
 
     def critical_distances(self) -> Array:
-        """Return where direct sound and reverberation are equally loud, band by band, m: (bands,).
+        """Compute the distances at which direct sound and reverberation are equally loud.
 
-        Kuttruff 2009, chapter 5, for a source without direction.
+        Kuttruff 2009, chapter 5, for an omnidirectional source.
+
+        Returns
+        -------
+        array (bands,)
+            Distances, m.
         """
         return np.sqrt(self.absorption_areas() / (16 * math.pi))
 

@@ -91,27 +91,40 @@ class Room:
 
     Parameters
     ----------
-    size : (3,) floats
-        m.
-    walls : str, float or mapping of str to them
-        Material by name (see `wall_materials`), or absorbed share of the energy in all bands, 0 to
-        1; for all walls, or for each of "x0", "x1", "y0", "y1", "z0" (floor), "z1" (ceiling).
-    order : int
-        Largest number of reflections of an image. Default: 2.
+    size : tuple of three floats
+        Edges along x, y and z, m.
+    walls : str, float or mapping of str to them, default "brick"
+        Material by name (see `wall_materials`), or fraction of the energy that is absorbed in all
+        bands, 0 to 1; for all walls, or for each of "x0", "x1", "y0", "y1", "z0" (floor), "z1"
+        (ceiling).
+    order : int, default 2
+        Maximum number of reflections of the image sources.
     reverberation : Reverberation, optional
-        Sound after the single reflections; `expected_reverberation` makes one from the walls.
-    corner : (3,) floats
-        The corner with the lowest coordinates, m.
+        Sound after the image sources; `expected_reverberation` computes one from the walls.
+    corner : tuple of three floats, default (0, 0, 0)
+        Corner with the lowest coordinates, m.
 
     Raises
     ------
     OptionError
-        When an argument is out of its bound, or a wall is unknown or missing.
+        If an argument is out of range, or a wall is unknown or missing.
 
     Notes
     -----
     Images: J. B. Allen and D. A. Berkley, J. Acoust. Soc. Am. 65(4), 943-950, 1979. A wall
     reflects the pressure by sqrt(1 - absorption), whatever the angle; air absorbs nothing.
+
+    Examples
+    --------
+    >>> room = struck.Room(size=(5.0, 4.0, 3.0), walls="brick")
+    >>> room.reverberation_time().round(1)
+    array([3.4, 3.4, 3.4, 2.5, 2. , 1.4, 1.4])
+    >>> bar = struck.shapes.Bar(length=0.3, width=0.03, thickness=0.005)
+    >>> model = struck.analyze(bar, "steel", progress=None)
+    >>> body = struck.Body(model=model, excitations=struck.Strike(), position=(3.0, 2.0, 1.0))
+    >>> ear = struck.Mono(position=(1.0, 2.0, 1.5))
+    >>> struck.render(body, seconds=0.5, listener=ear, room=room).samples.shape
+    (1, 24000)
     """
 
     size: tuple[float, float, float]
@@ -143,12 +156,17 @@ class Room:
         return np.repeat(self.volume / np.array(self.size), 2)
 
     def absorptions(self) -> Array:
-        """Return the absorbed share of the energy, wall by wall and band by band: (6, 7).
+        """Compute the absorption coefficients of the walls.
+
+        Returns
+        -------
+        array (6, 7)
+            Absorbed fraction of the energy for each wall and band.
 
         Raises
         ------
         OptionError
-            When not all walls, or others, are given.
+            If walls are missing or unknown.
         """
         walls = self.walls if isinstance(self.walls, Mapping) else dict.fromkeys(WALLS, self.walls)
         if set(walls) != set(WALLS):
@@ -157,12 +175,19 @@ class Room:
 
     @checked
     def require_inside(self, positions: ArrayLike, name: str) -> None:
-        """Refuse `positions` (K, 3), m, outside the room; `name` is their noun in the error.
+        """Raise an error if a position is outside the room.
+
+        Parameters
+        ----------
+        positions : array-like (K, 3)
+            Positions, m.
+        name : str
+            Noun for the positions in the message.
 
         Raises
         ------
         OptionError
-            With the first place outside.
+            If a position is outside the room. It names the first.
         """
         points = numbers(name, positions, width=3).reshape(-1, 3)
         low, high = np.array([self.corner, np.add(self.corner, self.size)], np.float64)
@@ -179,7 +204,13 @@ class Room:
             )
 
     def images(self) -> Images:
-        """Return the images up to the order, by ascending number of reflections."""
+        """Compute the images up to the order, by ascending number of reflections.
+
+        Returns
+        -------
+        Images
+            Signs, offsets and wall counts of the images.
+        """
         span = range(-self.order, self.order + 1)
         cells = [c for c in itertools.product(span, repeat=3) if sum(map(abs, c)) <= self.order]
         cell = np.array(sorted(cells, key=lambda c: sum(map(abs, c))))
@@ -228,25 +259,51 @@ class Room:
 
     @checked
     def reverberation_time(self, formula: str = "eyring") -> Array:
-        """Return the T60 by a `formula`, "eyring" or "sabine", in each of `BANDS`, s: (7,)."""
+        """Compute the reverberation time T60 in each of `BANDS`.
+
+        Parameters
+        ----------
+        formula : {"eyring", "sabine"}, default "eyring"
+            Formula.
+
+        Returns
+        -------
+        array (7,)
+            T60, s.
+        """
         return statistical_time(self.volume, self.areas, self.absorptions(), formula)
 
     def expected_reverberation(self, seed: int = 0) -> Reverberation:
-        """Return the reverberation of these walls by Eyring's formula, its noise from a `seed`.
+        """Compute the reverberation of these walls by Eyring's formula.
+
+        Parameters
+        ----------
+        seed : int, default 0
+            Seed of its noise.
+
+        Returns
+        -------
+        Reverberation
+            The reverberation.
 
         Raises
         ------
         OptionError
-            When in some band the walls absorb nothing or all.
+            If in some band the walls absorb nothing or everything.
         """
         times = dict(zip(BANDS.tolist(), self.reverberation_time().tolist(), strict=True))
         return Reverberation(seconds=times, volume=self.volume, seed=seed)
 
     def mixing_time(self) -> float:
-        """Return when the reverberation takes over from the images, s after the emission.
+        """Compute the time at which the reverberation replaces the images.
 
         That is when sound has met `order` + 1 walls on average, with a mean free path of 4 V / S
         (Kuttruff 2009, chapter 5).
+
+        Returns
+        -------
+        float
+            Time after the emission, s.
         """
         return (self.order + 1) * 4 * self.volume / float(self.areas.sum()) / AIR.sound_speed
 
@@ -254,30 +311,31 @@ class Room:
     def full_responses(
         self, source: ArrayLike, listeners: ArrayLike, sample_rate: float, order: int = 12
     ) -> Single:
-        """Return whole responses of the room by pyroomacoustics, images up to a high order.
+        """Compute impulse responses of the room by pyroomacoustics, with images up to a high order.
 
         Parameters
         ----------
         source : array (3,)
-            Position of the source in the scene frame, m.
+            Position of the source, m, scene frame.
         listeners : array (listeners, 3)
-            Positions of the listeners in the scene frame, m.
+            Positions of the listeners, m, scene frame.
         sample_rate : float
-            Whole number of Hz.
-        order : int
-            Largest number of reflections of an image. Default: 12.
+            Sample rate, a whole number, Hz.
+        order : int, default 12
+            Maximum number of reflections.
 
         Returns
         -------
         array (listeners, n), float32
-            From the emission on, of an impulse that is 1 at 1 m; without what is below 10 Hz.
+            Response from the emission of an impulse that is 1 at 1 m, without frequencies below 10
+            Hz.
 
         Raises
         ------
         OptionError
-            When source or listener is outside the room, or the sample rate is not whole.
+            If a source or listener is outside the room, or the sample rate is not a whole number.
         MissingDependencyError
-            When pyroomacoustics is not installed.
+            If pyroomacoustics is not installed.
         """
         points = numbers("listener", listeners, width=3).reshape(-1, 3)
         self.require_inside(numbers("source", source, width=3)[:3], "source")
@@ -303,7 +361,18 @@ class Room:
 
 
 def wall_materials() -> Mapping[str, Mapping[str, Any]]:
-    """Return the table of wall materials by name: absorption (7 bands) and its source."""
+    """Return the table of wall materials.
+
+    Returns
+    -------
+    mapping of str to mapping
+        By name: absorption in 7 bands, and its source.
+
+    Examples
+    --------
+    >>> len(struck.ears.wall_materials()["brick"]["absorption"])
+    7
+    """
     return table_of("struck.ears", "walls")
 
 

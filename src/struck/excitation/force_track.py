@@ -48,45 +48,55 @@ class ForceTrack:
 
     Parameters
     ----------
-    at : array-like, str or None
-        Place, as for a strike.
     force : array-like (n,), str or Path
         The force, or a WAV file of one channel.
-    sample_rate : float or None
-        Of an array, Hz; a file knows its own.
-    gain : float
-        N for each 1.0 of the array, or for full scale of the file.
-    time : float
-        When it begins, s; moved to the nearest sample.
-    direction : array-like (3,) or None
-        Which way a positive force pushes, of any length; None is straight into the surface.
-    patch : float
-        Radius of the area of contact, m; 0 is a point.
-    kernel : str or None
-        The pulse that each sample of the force is spread over, at the sample rate of the sound:
-        "gaussian", "half-sine" or "hertz" (`struck.excitation.pulses`). It begins with its sample,
-        and the impulse stays. None leaves the force as it is.
-    softness : float or None
-        How long the kernel lasts, s; of a Gaussian, six standard deviations. None takes 3 ms.
-    roughness : str, Roughness, Profile or None
-        Of a surface that moves past the place while the track pushes: its noise, as of a `Scrape`
-        whose load is the force of the track, is added. Pulls have none.
-    speed : float, (times, values), function or None
-        How fast that surface moves past, m/s; see `struck.excitation.excitation`.
-    striker : str
-        Of what the tip on that surface is, a name in ``strikers.toml``.
-    radius : float or None
-        Of the tip, m; None takes the striker's.
-    seed : int
-        Which surface of this finish it is.
+    at : str, array-like or None, default None
+        Contact: a point in body coordinates, m, or a name such as "top", "rim" or "vertex:120".
+        None: the playing place of the body (see `ModalModel.contact`).
+    sample_rate : float or None, default None
+        Sample rate, Hz, which an array needs. None: that of the file.
+    gain : float, default 1.0
+        N per 1.0 of the array, or per full scale of the file.
+    time : float, default 0.0
+        Start, s, rounded to the nearest sample.
+    direction : array-like (3,) or None, default None
+        Direction of a positive force, of any length. None: straight into the surface.
+    patch : float, default 0.0
+        Radius of the area of contact, m; 0 for a point.
+    kernel : {"gaussian", "half-sine", "hertz"} or None, default None
+        Pulse over which each sample of the force is spread, at the sample rate of the sound. It
+        begins with its sample, and the impulse stays. None: the force as it is.
+    softness : float or None, default None
+        Duration of the kernel, s; six standard deviations of a Gaussian. None: 3 ms.
+    roughness : str, Roughness, Profile or None, default None
+        Finish of a surface that moves past the contact while the track pushes: its noise, as of a
+        `Scrape` whose load is the force of the track, is added. Negative forces have none.
+    speed : float, (times, values), function or None, default None
+        Speed of that surface, m/s (see `struck.excitation.excitation`).
+    striker : str, default "steel"
+        Striker whose material and radius the tip on that surface has.
+    radius : float or None, default None
+        Radius of the tip, m. None: that of the striker.
+    seed : int, default 0
+        Seed of that surface.
 
     Raises
     ------
     OptionError
-        On forces that are not finite, no sample rate, an unknown name, a number outside its bound,
-        a softness without a kernel, or one of roughness and speed without the other.
+        If forces are not finite, the sample rate is missing, a name is unknown, a number is out of
+        range, there is a softness without a kernel, or only one of roughness and speed.
     FileFormatError
-        When the file cannot be read, is no WAV file, or has several channels.
+        If the file cannot be read, is not a WAV file, or has several channels.
+
+    Examples
+    --------
+    >>> bar = struck.shapes.Bar(length=0.3, width=0.03, thickness=0.005)
+    >>> model = struck.analyze(bar, "steel", progress=None)
+    >>> push = 5.0 * np.hanning(480)
+    >>> track = struck.ForceTrack(force=push, sample_rate=48_000, at="middle")
+    >>> sound = struck.render(model, track, seconds=0.5)
+    >>> sound.peak > 0
+    True
     """
 
     force: ArrayLike | str | Path
@@ -139,7 +149,21 @@ class ForceTrack:
         return Tool(roughness=roughness, striker=self.striker, radius=self.radius, seed=self.seed)
 
     def begin(self, model: ModalModel, sample_rate: float, *, start: int = 0) -> Burst:
-        """Begin on a model at sample number `start`; see `struck.excitation.excitation`.
+        """Begin the excitation on a model.
+
+        Parameters
+        ----------
+        model : ModalModel
+            Model of the body.
+        sample_rate : float
+            Sample rate of the forces, Hz.
+        start : int, default 0
+            Number of the first sample; negative for a prelude.
+
+        Returns
+        -------
+        Burst
+            The excitation at work, which returns its pushes block by block.
 
         Raises
         ------
@@ -155,7 +179,18 @@ class ForceTrack:
         return Burst.at(contact, samples, model, patch=self.patch, start=start)
 
     def sampled(self, sample_rate: float) -> Samples:
-        """Return the force at a `sample_rate`, Hz, in N, without frequencies above its half."""
+        """Resample the force, without frequencies above half the sample rate.
+
+        Parameters
+        ----------
+        sample_rate : float
+            Sample rate, Hz.
+
+        Returns
+        -------
+        Samples
+            The force, N.
+        """
         forces = np.asarray(self.force, np.float64) * self.gain
         lead_count, values = _resample(forces, float(self.sample_rate or sample_rate), sample_rate)
         track = Samples(first=round(self.time * sample_rate) - lead_count, force=values)

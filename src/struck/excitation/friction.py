@@ -73,26 +73,33 @@ class Tool:
 
     Parameters
     ----------
-    roughness : str, Roughness or Profile
-        Of the surface: a name in ``roughness.toml``, a finish, or a profile to be read as it is.
-    striker : str
-        Of what the tip is, a name in ``strikers.toml``.
-    radius : float or None
-        Of the tip, m; None takes the striker's.
-    patch : float
-        Radius of the area over which mode shapes are averaged, m; 0 is a point.
-    seed : int
-        Which surface of this finish it is.
-    kernel : str or None
-        The pulse that loads are spread over, as of a `ForceTrack`: a soft tip takes up loads slowly
-        (O'Brien et al. 2002, section 3.4). Default: None, a window of 2 ms.
-    softness : float or None
-        Duration of the kernel, s, at most 0.1; None takes 3 ms. Default: None.
+    roughness : str, Roughness or Profile, default "wood"
+        Surface: a name in ``roughness.toml``, a finish, or a profile that is read as it is.
+    striker : str, default "plastic"
+        Striker whose material and radius the tip has: a name in ``strikers.toml``.
+    radius : float or None, default None
+        Radius of the tip, m. None: that of the striker.
+    patch : float, default 0.0
+        Radius of the area over which mode shapes are averaged, m; 0 for a point.
+    seed : int, default 0
+        Seed of the surface.
+    kernel : str or None, default None
+        Pulse over which loads are spread, as of a `ForceTrack`: a soft tip takes up loads slowly
+        (O'Brien et al. 2002, section 3.4). None: a window of 2 ms.
+    softness : float or None, default None
+        Duration of the kernel, s, at most 0.1. None: 3 ms.
 
     Raises
     ------
     OptionError
-        On unknown names, or numbers outside their bounds.
+        If a name is unknown, or a number is out of range.
+
+    Examples
+    --------
+    >>> from struck.excitation import Tool
+    >>> tool = Tool(striker="steel", roughness="sandpaper")
+    >>> round(float(tool.window(48_000).sum()), 6)
+    1.0
     """
 
     roughness: str | Finish = "wood"
@@ -112,7 +119,18 @@ class Tool:
         object.__setattr__(self, "kernel", kernel)
 
     def window(self, sample_rate: float) -> Array:
-        """Return the window (n,) that smooths loads at a `sample_rate`, Hz; its sum is 1."""
+        """Compute the window that smooths loads.
+
+        Parameters
+        ----------
+        sample_rate : float
+            Sample rate, Hz.
+
+        Returns
+        -------
+        array (n,)
+            Window with the sum 1.
+        """
         if self.kernel is None:
             hann = np.hanning(max(1, round(_WINDOW * sample_rate)) + 2)[1:-1]
             return np.asarray(hann / hann.sum(), np.float64)
@@ -123,7 +141,18 @@ class Tool:
         return pulse.force / pulse.force.sum()
 
     def on(self, model: ModalModel) -> SlidingContact:
-        """Return the tool's tip in contact with the body of a `model`."""
+        """Compute the contact of the tip with a body.
+
+        Parameters
+        ----------
+        model : ModalModel
+            Model of the body, whose material counts.
+
+        Returns
+        -------
+        Rubbed
+            Finish, contact modulus, radius and seed of the contact.
+        """
         tip = Striker.named(self.striker)
         solids = (tip,) if model.material is None else (tip, model.material)
         return SlidingContact(

@@ -67,7 +67,18 @@ class Striker:
 
 
 def strikers() -> Mapping[str, Mapping[str, Any]]:
-    """Return the table of strikers by name."""
+    """Return the table of strikers.
+
+    Returns
+    -------
+    mapping of str to mapping
+        Entries of ``strikers.toml`` by name.
+
+    Examples
+    --------
+    >>> sorted(struck.excitation.strikers())
+    ['brass', 'felt', 'fingertip', 'glass', 'plastic', 'rubber', 'steel', 'wood']
+    """
     return table_of("struck.excitation", "strikers")
 
 
@@ -112,28 +123,34 @@ def joint_mass(*masses: float) -> float:
 
 @checked
 def contact_time(*, mass: float, radius: float, modulus: float, speed: float) -> float:
-    """Return how long an elastic impact lasts, s.
+    """Compute the duration of an elastic impact.
 
     Parameters
     ----------
     mass : float
-        Joint mass of the two, kg.
+        Effective mass of both bodies, kg.
     radius : float
-        Joint radius of curvature, m.
+        Effective radius of curvature of both bodies, m.
     modulus : float
-        E* of the two, Pa.
+        Contact modulus E*, Pa.
     speed : float
-        Of approach, m/s.
+        Approach speed, m/s.
 
     Returns
     -------
     float
-        2.8683 (m^2 / (R E*^2 v))^(1/5) (Johnson 1985, section 11.4).
+        2.8683 (m^2 / (R E*^2 v))^(1/5), s (Johnson 1985, section 11.4).
 
     Raises
     ------
     OptionError
-        On numbers outside 1e-30 to 1e30.
+        If a number is not positive, or impossible for a body that strikes.
+
+    Examples
+    --------
+    >>> from struck.excitation import contact_time
+    >>> round(contact_time(mass=0.05, radius=0.01, modulus=1e10, speed=1.0), 6)
+    0.000217
     """
     arguments = {"mass": mass, "radius": radius, "modulus": modulus, "speed": speed}
     for name, value in arguments.items():

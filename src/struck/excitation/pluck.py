@@ -51,7 +51,7 @@ def plan_rule(surface: Mesh) -> tuple[Array, Array]:
 def impact_amplitudes(
     model: ModalModel, at: Place, *, energy: float = 1.0, distance: float = 1.0
 ) -> Array:
-    """Return the amplitudes of the heard modes for a blow of given energy (1998, eq. 11).
+    """Compute the amplitudes of the modes for a strike of given energy (1998, eq. 11).
 
     a_n = sqrt(energy) Psi_n(p) / (omega_n Q(p) distance), Q(p)^2 the sum of Psi_n(p)^2 over all
     modes of the model (the paper's n_f of them). The paper prints the energy without its root,
@@ -60,21 +60,23 @@ def impact_amplitudes(
     Parameters
     ----------
     model : ModalModel
-    at : place
-        Where it is struck, straight into the surface.
-    energy : float
-        Of the vibration, in any unit: amplitudes are relative.
-    distance : float
-        To the listener, m.
+        The model.
+    at : str, array-like or None
+        Contact, as for `ModalModel.contact`, struck straight into the surface.
+    energy : float, default 1.0
+        Energy of the vibration, in any unit: amplitudes are relative.
+    distance : float, default 1.0
+        Distance of the listener, m.
 
     Returns
     -------
     array (M,)
+        Relative amplitudes.
 
     Raises
     ------
     OptionError
-        When energy or distance do not exceed 0, or no mode moves there.
+        If energy or distance is not positive, or no mode moves there.
     """
     for name, value in (("energy", energy), ("distance", distance)):
         if not (np.isfinite(value) and value > 0):
@@ -86,7 +88,7 @@ def impact_amplitudes(
 
 @checked
 def impact_impulse(model: ModalModel, at: Place, energy: float) -> float:
-    """Return the impulse that gives the modes of a body an energy at one place, N s.
+    """Compute the impulse that gives the modes of a body a total energy.
 
     ``Strike(at=p, impulse=impact_impulse(model, p, energy))`` is the paper's blow: its amplitudes
     are those of eq. 11 wherever it lands.
@@ -94,15 +96,21 @@ def impact_impulse(model: ModalModel, at: Place, energy: float) -> float:
     Parameters
     ----------
     model : ModalModel
-        Mass-normalised, as bodies with mode shapes are.
-    at : place
+        Mass-normalised model, as of bodies with mode shapes.
+    at : str, array-like or None
+        Contact, as for `ModalModel.contact`.
     energy : float
-        J.
+        Energy, J.
+
+    Returns
+    -------
+    float
+        Impulse, N s.
 
     Raises
     ------
     OptionError
-        When the energy does not exceed 0, or no mode moves there.
+        If the energy is not positive, or no mode moves there.
     """
     require_positive(energy=energy)
     return float(np.sqrt(2.0 * energy) / np.linalg.norm(_compute_shapes(model, at)))
@@ -177,23 +185,32 @@ class Pluck:
 
     Parameters
     ----------
-    at : array-like, str or None
-        Place, as for a strike.
-    force : float
-        The load that is let go, N.
-    rise : float
-        How long it takes to put on, s. Modes below about 2 / rise hear it come.
-    time : float
-        When the load begins to rise, s; it is let go at time + rise.
-    direction : array-like (3,) or None
-        Which way the load pushes, of any length; None is straight into the surface.
-    patch : float
-        Radius of the area of contact, m; 0 is a point.
+    at : str, array-like or None, default None
+        Contact: a point in body coordinates, m, or a name such as "top", "rim" or "vertex:120".
+        None: the playing place of the body (see `ModalModel.contact`).
+    force : float, default 1.0
+        Load that is released, N.
+    rise : float, default 0.05
+        Duration of the rise of the load, s. It excites modes below about 2 / rise.
+    time : float, default 0.0
+        Start of the rise, s. The load is released at time + rise.
+    direction : array-like (3,) or None, default None
+        Direction of the load, of any length. None: straight into the surface.
+    patch : float, default 0.0
+        Radius of the area of contact, m; 0 for a point.
 
     Raises
     ------
     OptionError
-        On a number outside its bound.
+        If a number is out of range.
+
+    Examples
+    --------
+    >>> string = struck.shapes.String(length=0.65, radius=0.0005, tension=70.0)
+    >>> model = struck.analyze(string, "steel", progress=None)
+    >>> sound = struck.render(model, struck.Pluck(at="quarter", force=2.0), seconds=0.5)
+    >>> sound.samples.shape
+    (1, 24000)
     """
 
     at: Place = None
@@ -209,10 +226,24 @@ class Pluck:
         require_at_least_zero(time=self.time, patch=self.patch)
 
     def begin(self, model: ModalModel, sample_rate: float, *, start: int = 0) -> Burst:
-        """Begin on a model at sample number `start`; see `struck.excitation.excitation`.
+        """Begin the excitation on a model.
 
         The moment of release lies between samples as it falls; the force is band-limited there
         like a pulse.
+
+        Parameters
+        ----------
+        model : ModalModel
+            Model of the body.
+        sample_rate : float
+            Sample rate of the forces, Hz.
+        start : int, default 0
+            Number of the first sample; negative for a prelude.
+
+        Returns
+        -------
+        Burst
+            The excitation at work, which returns its pushes block by block.
 
         Raises
         ------
@@ -225,7 +256,18 @@ class Pluck:
         return Burst.at(contact, samples, model, patch=self.patch, start=start)
 
     def sampled(self, sample_rate: float) -> Samples:
-        """Return the force at a `sample_rate`, Hz, in N."""
+        """Compute the samples of the force.
+
+        Parameters
+        ----------
+        sample_rate : float
+            Sample rate, Hz.
+
+        Returns
+        -------
+        Samples
+            The force, N.
+        """
         first = int(np.floor(self.time * sample_rate))
         release = (self.time + self.rise) * sample_rate
         numbers = np.arange(first, int(np.ceil(release)) + LEAD, dtype=np.float64)
@@ -252,16 +294,27 @@ class Release:
     Parameters
     ----------
     displacement : callable
-        Takes points on top of the body, m (K, 3), and returns how far each is moved along z, m.
-    rise : float
-        How long it takes to bring the body there, s; see `Pluck`.
-    time : float
-        When that begins, s; it is let go at time + rise.
+        Called with points on top of the body (K, 3), m; returns their displacements along z (K,),
+        m.
+    rise : float, default 0.05
+        Duration of the deflection, s (see `Pluck`).
+    time : float, default 0.0
+        Start of the deflection, s. The body is released at time + rise.
 
     Raises
     ------
     OptionError
-        On a number outside its bound.
+        If a number is out of range.
+
+    Examples
+    --------
+    >>> string = struck.shapes.String(length=0.65, radius=0.0005, tension=70.0)
+    >>> model = struck.analyze(string, "steel", band=(20.0, 5000.0), progress=None)
+    >>> arch = struck.Release(displacement=lambda points: np.sin(np.pi * points[:, 0] / 0.65) / 1e3)
+    >>> sound = struck.render(model, arch, seconds=0.5)
+    >>> frequencies, levels = sound.spectrum()
+    >>> float(frequencies[levels[0].argmax()].round())
+    82.0
     """
 
     displacement: Callable[[Array], Array]
@@ -273,7 +326,21 @@ class Release:
         require_at_least_zero(time=self.time)
 
     def begin(self, model: ModalModel, sample_rate: float, *, start: int = 0) -> Burst:
-        """Begin on a model at sample number `start`; see `struck.excitation.excitation`.
+        """Begin the excitation on a model.
+
+        Parameters
+        ----------
+        model : ModalModel
+            Model of the body.
+        sample_rate : float
+            Sample rate of the forces, Hz.
+        start : int, default 0
+            Number of the first sample; negative for a prelude.
+
+        Returns
+        -------
+        Burst
+            The excitation at work, which returns its pushes block by block.
 
         Raises
         ------

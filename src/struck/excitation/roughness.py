@@ -35,7 +35,7 @@ _MIN_POWER_RATIO = 3e-3  # of the power of the strongest waves: weaker ones are 
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Roughness:
-    """A finish: the law of random heights on two scales that never repeat.
+    """A surface finish: random heights on two scales, which never repeat.
 
     Roughness proper has the spectrum along a line
 
@@ -50,26 +50,36 @@ class Roughness:
     Parameters
     ----------
     rms : float
-        Root of the mean square height of the roughness, m.
+        Root mean square height of the roughness, m.
     correlation_length : float
-        How far apart its heights are related, m.
-    slope : float
-        Exponent of its spectrum towards short waves, -4 to -1.2.
-    shortest : float or None
-        Shortest wave, m; None is a sixteenth of the correlation length.
-    waviness : float
-        Root of the mean square height of the waviness, m.
-    waviness_length : float
-        How far apart its heights are related, m.
-    name : str
-        What people call it.
-    source : str
-        Where the figures come from.
+        Correlation length of the roughness, m.
+    slope : float, default -2.4
+        Exponent of its spectrum for short waves, -4 to -1.2.
+    shortest : float or None, default None
+        Shortest wavelength, m. None: a sixteenth of the correlation length.
+    waviness : float, default 0.0
+        Root mean square height of the waviness, m.
+    waviness_length : float, default 0.002
+        Correlation length of the waviness, m.
+    name : str, default ""
+        Name of the finish.
+    source : str, default ""
+        Source of the values.
 
     Raises
     ------
     OptionError
-        On numbers outside their bounds.
+        If a number is out of range.
+
+    Examples
+    --------
+    >>> finish = struck.Roughness.named("sandpaper")
+    >>> finish.rms > struck.Roughness.named("steel").rms
+    True
+    >>> waves = np.geomspace(1e-2, 1e6, 20_000)  # cycles/m
+    >>> variance = np.trapezoid(finish.spectrum(waves), waves)
+    >>> bool(abs(variance / finish.rms**2 - 1) < 0.01)
+    True
     """
 
     rms: float
@@ -93,18 +103,39 @@ class Roughness:
     @classmethod
     @checked
     def named(cls, name: str) -> Roughness:
-        """Look a finish up in ``roughness.toml``, in any case.
+        """Look up a finish in ``roughness.toml``, in any case.
+
+        Parameters
+        ----------
+        name : str
+            Name, as listed by `struck.excitation.roughnesses`.
+
+        Returns
+        -------
+        Roughness
+            The finish.
 
         Raises
         ------
         OptionError
-            If there is no entry of that name; the nearest are offered.
+            If there is no such name. The nearest names are offered.
         """
         return _load_finish(require_known(name, roughnesses(), "roughness"))
 
     @classmethod
     def of(cls, given: str | Roughness) -> Roughness:
-        """Return a finish given by name or as it is."""
+        """Return a finish, or look it up by name.
+
+        Parameters
+        ----------
+        given : str or Roughness
+            The finish or its name.
+
+        Returns
+        -------
+        Roughness
+            The finish.
+        """
         return cls.named(given) if isinstance(given, str) else given
 
     @property
@@ -120,9 +151,19 @@ class Roughness:
         return 2 * np.pi * self.correlation_length
 
     def spectrum(self, wavenumbers: Array) -> Array:
-        """Return the law of the roughness (n,), m^2 per cycle/m, at wavenumbers (n,), cycles/m.
+        """Compute the one-sided power spectral density of the roughness.
 
-        One-sided; its integral is the mean square height.
+        Its integral is the mean square height.
+
+        Parameters
+        ----------
+        wavenumbers : array (n,)
+            Wavenumbers, cycles/m.
+
+        Returns
+        -------
+        array (n,)
+            Density, m^2 per cycle/m.
         """
         waves = np.concatenate([[0.0], np.geomspace(1e-4 / self.longest, 1 / self.finest, 2000)])
         integral = np.trapezoid(self._shape(waves), waves)
@@ -135,7 +176,18 @@ class Roughness:
         return (1 + np.square(wavenumbers * self.longest)) ** (self.slope / 2)
 
     def layers(self, seed: int = 0) -> Layers:
-        """Return the texture of this finish that belongs to a seed."""
+        """Generate the random texture of this finish.
+
+        Parameters
+        ----------
+        seed : int, default 0
+            Seed of the texture.
+
+        Returns
+        -------
+        Layers
+            The texture.
+        """
         spacings, heights = _fit_layers(self)
         return Layers.of(spacings, heights, int(seed))
 
@@ -148,19 +200,26 @@ class Profile:
     Parameters
     ----------
     heights : array (n,)
-        m, their mean 0; the last is followed by the first.
+        Heights, m, with the mean 0; the last is followed by the first.
     pitch : float
-        Distance from one to the next, m.
-    name : str
-        What people call it.
-    source : str
-        Where it comes from.
+        Distance between neighbouring heights, m.
+    name : str, default ""
+        Name of the profile.
+    source : str, default ""
+        Source of the heights.
 
     Raises
     ------
     OptionError
-        On heights that are not finite, fewer than 16 or more than 262,144 of them, or a pitch
-        that does not exceed 0.
+        If heights are not finite, fewer than 16 or more than 262,144, or the pitch is not positive.
+
+    Examples
+    --------
+    >>> from struck.excitation import Profile
+    >>> grooves = Profile(heights=1e-5 * np.sin(2 * np.pi * np.arange(64) / 16), pitch=1e-4)
+    >>> scrape = struck.Scrape(path=["middle", "end"], speed=0.1, load=1.0, roughness=grooves)
+    >>> scrape.roughness.pitch * len(scrape.roughness.heights)  # m, after which it repeats
+    0.0064
     """
 
     heights: Array
@@ -186,15 +245,25 @@ class Profile:
     @classmethod
     @checked
     def named(cls, name: str) -> Profile:
-        """Look a measured profile up in ``profiles.toml``, in any case.
+        """Look up a measured profile in ``profiles.toml``, in any case.
 
-        It loses waves longer than 2.5 mm, which are form rather than roughness, and is joined to
-        repeat.
+        Waves longer than 2.5 mm, which are form rather than roughness, are removed, and the ends
+        are joined.
+
+        Parameters
+        ----------
+        name : str
+            Name, as listed by `struck.excitation.profiles`.
+
+        Returns
+        -------
+        Profile
+            The profile.
 
         Raises
         ------
         OptionError
-            If there is no entry of that name; the nearest are offered.
+            If there is no such name. The nearest names are offered.
         """
         return _load_profile(require_known(name, profiles(), "profile"))
 
@@ -209,12 +278,17 @@ class Profile:
         return float(self.heights.std())
 
     def roughness(self) -> Roughness:
-        """Return the finish whose spectrum is nearest to this profile's, and which never repeats.
+        """Estimate the finish whose spectrum is nearest to that of the profile.
+
+        Returns
+        -------
+        Roughness
+            The finish, which never repeats.
 
         Raises
         ------
         OptionError
-            When the profile is flat.
+            If the profile is flat.
         """
         if not self.rms:
             raise OptionError(f"the {len(self.heights)} heights are all the same: give a profile")
@@ -252,12 +326,29 @@ Finish = Roughness | Profile
 
 
 def roughnesses() -> Mapping[str, Mapping[str, Any]]:
-    """Return the table of finishes by name."""
+    """Return the table of finishes.
+
+    Returns
+    -------
+    mapping of str to mapping
+        Entries of ``roughness.toml`` by name.
+
+    Examples
+    --------
+    >>> "sandpaper" in struck.excitation.roughnesses()
+    True
+    """
     return table_of("struck.excitation", "roughness")
 
 
 def profiles() -> Mapping[str, Mapping[str, Any]]:
-    """Return the table of measured profiles by name."""
+    """Return the table of measured profiles.
+
+    Returns
+    -------
+    mapping of str to mapping
+        Entries of ``profiles.toml`` by name.
+    """
     return table_of("struck.excitation", "profiles")
 
 

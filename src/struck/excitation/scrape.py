@@ -56,32 +56,43 @@ class Scrape:
     Parameters
     ----------
     path : sequence of str or array-like
-        Two places or more, as `at` of a strike; the tip takes the shortest way over the surface.
+        Two points or more, as `at` of a `Strike`, which are connected by shortest paths over the
+        surface.
     speed : float, (times, values) or function
-        m/s; see `struck.excitation.excitation`.
+        Speed, m/s (see `struck.excitation.excitation`).
     load : float, (times, values) or function
-        How hard the tip is held down, N.
-    roughness : str, Roughness or Profile
-        Name in ``roughness.toml``, a finish, or a profile to be read as it is, over and over.
-    striker : str
-        Of what the tip is, a name in ``strikers.toml``.
-    radius : float or None
-        Of the tip, m; None takes the striker's.
-    seconds : float or None
-        How long it lasts; None: to the end of the path, without end where that repeats.
-    repeat : str
-        "once", "back" (there and back) or "loop" (round, from the last place to the first).
-    patch : float
-        Radius of the area over which mode shapes are averaged, m; 0 is a point.
-    time : float
-        When it begins, s. It comes on and lifts off within 5 ms.
-    seed : int
-        Which surface of this finish it is; of a profile, where on it the scrape begins.
+        Normal force, N.
+    roughness : str, Roughness or Profile, default "sandpaper"
+        Name in ``roughness.toml``, a finish, or a profile that is read as it is, repeatedly.
+    striker : str, default "steel"
+        Striker whose material and radius the tip has: a name in ``strikers.toml``.
+    radius : float or None, default None
+        Radius of the tip, m. None: that of the striker.
+    seconds : float or None, default None
+        Duration, s. None: to the end of the path; endless if it repeats.
+    repeat : {"once", "back", "loop"}, default "once"
+        Whether the path is followed once, there and back, or round from the last point to the
+        first.
+    patch : float, default 0.0
+        Radius of the area over which mode shapes are averaged, m; 0 for a point.
+    time : float, default 0.0
+        Start, s. The force is faded in and out within 5 ms.
+    seed : int, default 0
+        Seed of the surface; of a profile, that of the point where the scrape begins.
 
     Raises
     ------
     OptionError
-        On unknown names, or numbers outside their bounds.
+        If a name is unknown, or a number is out of range.
+
+    Examples
+    --------
+    >>> plate = struck.shapes.RectangularPlate(length=0.3, width=0.2, thickness=0.003)
+    >>> model = struck.analyze(plate, "steel", band=(20.0, 5000.0), progress=None)
+    >>> scrape = struck.Scrape(path=["quarter", "middle"], speed=0.2, load=3.0, roughness="wood")
+    >>> sound = struck.render(model, scrape, seconds=0.5)
+    >>> sound.peak > 0
+    True
     """
 
     path: Waypoints
@@ -106,7 +117,21 @@ class Scrape:
         require_at_least_zero(patch=self.patch, time=self.time, seed=self.seed)
 
     def begin(self, model: ModalModel, sample_rate: float, *, start: int = 0) -> Rubbing:
-        """Begin on a model at sample number `start`; see `struck.excitation.excitation`.
+        """Begin the excitation on a model.
+
+        Parameters
+        ----------
+        model : ModalModel
+            Model of the body.
+        sample_rate : float
+            Sample rate of the forces, Hz.
+        start : int, default 0
+            Number of the first sample; negative for a prelude.
+
+        Returns
+        -------
+        Rubbing
+            The excitation at work, which returns its pushes block by block.
 
         Raises
         ------
@@ -117,9 +142,23 @@ class Scrape:
         return rubbing.start(round(self.time * sample_rate), start)
 
     def reader(self, model: ModalModel, sample_rate: float, path: Path, load: float) -> Reader:
-        """Return the reader of the surface along a `path`.
+        """Return the reader of the surface along a path.
 
-        It is that of a `load`, N, on a `model` and of samples at a `sample_rate`, Hz.
+        Parameters
+        ----------
+        model : ModalModel
+            Model of the body.
+        sample_rate : float
+            Sample rate, Hz.
+        path : Path
+            Path over the surface.
+        load : float
+            Normal force, N.
+
+        Returns
+        -------
+        Reader
+            Reader of the force, by position.
         """
         del path, load
         tool = Tool(
@@ -142,42 +181,59 @@ class Roll:
     Parameters
     ----------
     path : sequence of str or array-like
-        Two places or more, as `at` of a strike; the roller takes the shortest way over the surface.
+        Two points or more, as `at` of a `Strike`, which are connected by shortest paths over the
+        surface.
     radius : float
-        Of the roller, m.
-    mass : float or None
-        Of the roller, kg: its weight is the load.
+        Radius of the roller, m.
     speed : float, (times, values) or function
-        m/s; see `struck.excitation.excitation`.
-    load : float, (times, values), function or None
-        N, in place of the weight.
-    roughness, roller_roughness : str or Roughness
-        Of the surface and of the roller: names in ``roughness.toml``, or finishes; of a measured
-        profile `profile.roughness()`.
-    material : str or Material
-        Of the roller.
-    roundness : float
-        How far the roller is from round, rms of 2 to 240 waves around it, m: a ball of a good
-        bearing has a tenth of a micrometre, a marble some.
-    flat : float
-        Depth of a flat spot worn into the roller, m: it passes every 2 pi radius of the way. Its
-        edges are taken as rounded over, so that its profile is a raised cosine of the length
-        sqrt(8 radius flat) of the chord.
-    seconds : float or None
-        How long it lasts; None: to the end of the path, without end where that repeats.
-    repeat : str
-        "once", "back" (there and back) or "loop" (round, from the last place to the first).
-    patch : float
-        Radius of the area over which mode shapes are averaged, m; 0 is a point.
-    time : float
-        When it begins, s. It comes on and lifts off within 5 ms.
-    seed, roller_seed : int
-        Which surface of its finish it is, and which roller.
+        Speed, m/s (see `struck.excitation.excitation`).
+    mass : float or None, default None
+        Mass of the roller, kg: its weight is the load.
+    load : float, (times, values), function or None, default None
+        Normal force, N, instead of the weight.
+    roughness : str or Roughness, default "wood"
+        Finish of the surface, or its name in ``roughness.toml``. For a measured profile:
+        `profile.roughness()`.
+    roller_roughness : str or Roughness, default "steel"
+        Finish of the roller.
+    material : str or Material, default "steel"
+        Material of the roller.
+    roundness : float, default 1e-6
+        Deviation of the roller from a circle, the root mean square of 2 to 240 waves around it, m:
+        about 1e-7 for a ball of a good bearing, some 1e-6 for a marble.
+    flat : float, default 0.0
+        Depth of a flat spot of the roller, m, which passes once per 2 pi radius of the path. Its
+        profile is a raised cosine of the length sqrt(8 radius flat) of the chord.
+    seconds : float or None, default None
+        Duration, s. None: to the end of the path; endless if it repeats.
+    repeat : {"once", "back", "loop"}, default "once"
+        Whether the path is followed once, there and back, or round from the last point to the
+        first.
+    patch : float, default 0.0
+        Radius of the area over which mode shapes are averaged, m; 0 for a point.
+    time : float, default 0.0
+        Start, s. The force is faded in and out within 5 ms.
+    seed : int, default 0
+        Seed of the surface.
+    roller_seed : int, default 0
+        Seed of the roller.
 
     Raises
     ------
     OptionError
-        On unknown names, numbers outside their bounds, or neither or both of mass and load.
+        If a name is unknown, a number is out of range, or mass and load are both given or both
+        missing.
+
+    Examples
+    --------
+    >>> plate = struck.shapes.RectangularPlate(length=0.3, width=0.2, thickness=0.003)
+    >>> model = struck.analyze(plate, "steel", band=(20.0, 5000.0), progress=None)
+    >>> marble = struck.Roll(
+    ...     path=["quarter", "middle"], radius=0.008, mass=0.005, speed=0.2, material="glass"
+    ... )
+    >>> sound = struck.render(model, marble, seconds=0.5)
+    >>> sound.peak > 0
+    True
     """
 
     path: Waypoints
@@ -221,7 +277,21 @@ class Roll:
         object.__setattr__(self, "material", Material.of(self.material))
 
     def begin(self, model: ModalModel, sample_rate: float, *, start: int = 0) -> Rubbing:
-        """Begin on a model at sample number `start`; see `struck.excitation.excitation`.
+        """Begin the excitation on a model.
+
+        Parameters
+        ----------
+        model : ModalModel
+            Model of the body.
+        sample_rate : float
+            Sample rate of the forces, Hz.
+        start : int, default 0
+            Number of the first sample; negative for a prelude.
+
+        Returns
+        -------
+        Rubbing
+            The excitation at work, which returns its pushes block by block.
 
         Raises
         ------
@@ -235,7 +305,24 @@ class Roll:
         return _GRAVITY * self.mass if self.mass is not None else self.load or 0.0
 
     def reader(self, model: ModalModel, sample_rate: float, path: Path, load: float) -> Envelope:
-        """Return the reader of surface and roller together; see `struck.Scrape.reader`."""
+        """Return the reader of the surface and the roller together, as `struck.Scrape.reader`.
+
+        Parameters
+        ----------
+        model : ModalModel
+            Model of the body.
+        sample_rate : float
+            Sample rate, Hz.
+        path : Path
+            Path over the surface.
+        load : float
+            Normal force, N.
+
+        Returns
+        -------
+        Envelope
+            Reader of the force, by the distance rolled.
+        """
         surface, roller = Roughness.of(self.roughness), Roughness.of(self.roller_roughness)
         material = Material.of(self.material)
         solids = (material,) if model.material is None else (material, model.material)

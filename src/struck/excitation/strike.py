@@ -51,43 +51,55 @@ class Strike:
 
     Parameters
     ----------
-    at : array-like, str or None
-        Place in body coordinates, m, or its name ("top", "rim", "vertex:120"); None takes
-        the body's playing place: the rim of a bell, bowl or glass, the end of a tube, else the
-        place that speaks most of the lowest modes (`ModalModel.contact`).
-    impulse : float or None
-        N s. Without a striker and a duration it acts in no time.
-    striker : str or None
+    at : str, array-like or None, default None
+        Contact: a point in body coordinates, m, or a name such as "top", "rim" or "vertex:120".
+        None: the playing place of the body (see `ModalModel.contact`).
+    impulse : float or None, default None
+        Impulse, N s. Without a striker and a duration it is an ideal impulse.
+    striker : str or None, default None
         Name in ``strikers.toml``: fingertip, felt, rubber, plastic, wood, brass, steel, glass.
-    speed : float or None
-        Speed of the striker along `direction` at the first touch, m/s; 0.5 when a striker comes
-        with neither impulse, energy nor speed.
-    energy : float or None
-        Kinetic energy of the striker at the first touch, J: speed = sqrt(2 energy / mass). The
-        striker is the wooden one unless given.
-    direction : array-like (3,) or None
-        Which way it pushes, of any length; None is straight into the surface.
-    duration : float or None
-        How long it pushes, s; 0 is an ideal impulse, None leaves it to the striker.
-    shape : str
-        Of the force over time: "half-sine", "hertz" or "gaussian" (`struck.excitation.pulses`).
-    patch : float
-        Radius of the area of contact, m; 0 is a point.
-    transient : float
-        Level of a noise burst in the force, as a share of the impulse: its expected spectrum is
-        white at `transient` times that of the impulse acting in no time. 1998 models the click of
-        an attack, which modes do not explain, by a short burst of white noise; as part of the
-        force it wakes the modes that the pulse is too long for. It lasts as long as the pulse, but
-        at least 1 ms, and fades in and out as a half-sine.
-    time : float
-        When it begins, s.
-    seed : int
-        Of the noise burst.
+    speed : float or None, default None
+        Speed of the striker along `direction` at the first contact, m/s. Default: 0.5 with a
+        striker but no impulse and no energy.
+    energy : float or None, default None
+        Kinetic energy of the striker at the first contact, J: speed = sqrt(2 energy / mass).
+        Default striker: wood.
+    direction : array-like (3,) or None, default None
+        Direction of the push, of any length. None: straight into the surface.
+    duration : float or None, default None
+        Duration, s; 0 for an ideal impulse. None: as the striker gives.
+    shape : {"half-sine", "hertz", "gaussian"}, default "half-sine"
+        Form of the force over time (`struck.excitation.pulses`).
+    patch : float, default 0.0
+        Radius of the area of contact, m; 0 for a point.
+    transient : float, default 0.0
+        Level of a noise burst in the force, as a fraction of the impulse: its expected spectrum is
+        white at `transient` times that of an ideal impulse. 1998 models the click of an attack,
+        which modes do not explain, by a short burst of white noise; as part of the force it excites
+        the modes for which the pulse is too long. It lasts as long as the pulse, but at least 1 ms,
+        and fades in and out as a half-sine.
+    time : float, default 0.0
+        Start, s.
+    seed : int, default 0
+        Seed of the noise burst.
 
     Raises
     ------
     OptionError
-        On an unknown striker, contradictory arguments, or a number outside its bound.
+        If a striker is unknown, arguments contradict each other, or a number is out of range.
+
+    Examples
+    --------
+    >>> bar = struck.shapes.Bar(length=0.3, width=0.03, thickness=0.005)
+    >>> model = struck.analyze(bar, "rosewood", progress=None)
+    >>> soft = struck.Strike(at="middle", striker="felt", speed=1.0)
+    >>> hard = struck.Strike(at="middle", striker="steel", speed=1.0)
+    >>> contact = model.contact("middle")
+    >>> durations = [strike.resolved(model, contact).duration for strike in (soft, hard)]
+    >>> durations[0] > 5 * durations[1]
+    True
+    >>> struck.render(model, [soft, hard], seconds=0.5).samples.shape
+    (1, 24000)
     """
 
     at: Place = None
@@ -136,11 +148,23 @@ class Strike:
             )
 
     def resolved(self, model: ModalModel, contact: Contact) -> Blow:
-        """Return the blow that a model receives at a contact.
+        """Compute impulse and duration of the strike on a model.
 
-        A model without mass, or held somewhere, counts as heavy, one without material as hard. The
-        gains of recordings include the recorded blow: if the strike gives no strength, it is that
-        blow.
+        A model without mass, or one that is held somewhere, counts as infinitely heavy, one without
+        material as infinitely hard. The gains of recordings contain the recorded blow, which is the
+        default there.
+
+        Parameters
+        ----------
+        model : ModalModel
+            Model of the body.
+        contact : Contact
+            Contact on the body.
+
+        Returns
+        -------
+        Blow
+            Impulse, N s, and duration, s.
         """
         options = (self.impulse, self.striker, self.speed, self.energy, self.duration)
         if not (any(option is not None for option in options) or model.gains.of_surface):
@@ -163,9 +187,23 @@ class Strike:
         return Blow(impulse=gain * speed, duration=duration)
 
     def begin(self, model: ModalModel, sample_rate: float, *, start: int = 0) -> Burst:
-        """Begin on a model at sample number `start`; see `struck.excitation.excitation`.
+        """Begin the excitation on a model.
 
         The force is band-limited, so it begins `pulses.LEAD` samples before `time`.
+
+        Parameters
+        ----------
+        model : ModalModel
+            Model of the body.
+        sample_rate : float
+            Sample rate of the forces, Hz.
+        start : int, default 0
+            Number of the first sample; negative for a prelude.
+
+        Returns
+        -------
+        Burst
+            The excitation at work, which returns its pushes block by block.
 
         Raises
         ------
@@ -184,7 +222,20 @@ class Strike:
         return Burst.at(contact, pulse, model, patch=self.patch, start=start)
 
     def pulse(self, blow: Blow, sample_rate: float) -> Samples:
-        """Return the band-limited force of a `blow`, N, at a `sample_rate`, Hz, without noise."""
+        """Compute the band-limited force of a blow, without noise.
+
+        Parameters
+        ----------
+        blow : Blow
+            Impulse and duration.
+        sample_rate : float
+            Sample rate, Hz.
+
+        Returns
+        -------
+        Samples
+            The force, N.
+        """
         return sampled(
             self.shape,
             impulse=blow.impulse,

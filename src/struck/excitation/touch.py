@@ -394,23 +394,30 @@ class TouchLog:
     Parameters
     ----------
     times : array-like (K,)
-        When each update takes effect, ascending, s; moved to the nearest sample.
-    points : array-like (K, 3), (K, D) or None
-        On the body, m; of a recorded body its D contact coordinates. None: one place throughout,
-        the model's playing place, or the first that was recorded.
+        Time of each update, ascending, s, rounded to the nearest sample.
+    points : array-like (K, 3), (K, D) or None, default None
+        Points on the body, m, or the D contact coordinates of a recorded body. None: one contact
+        throughout, the playing place of the model or the first that was recorded.
     forces : array-like (K,)
         Loads, N, at least 0.
-    speeds : array-like (K,) or float
-        Along the surface, m/s, at least 0.
-    directions : array-like (K, 3) or None
-        Along which the loads push; default: straight into the surface.
-    tool : Tool
-        What touched.
+    speeds : array-like (K,) or float, default 0.0
+        Speeds along the surface, m/s, at least 0.
+    directions : array-like (K, 3) or None, default None
+        Directions of the loads. None: straight into the surface.
+    tool : Tool, optional
+        What touches. Default: ``Tool()``.
 
     Raises
     ------
     OptionError
-        On numbers that are not finite, out of bounds or not as many.
+        If numbers are not finite or out of range, or arrays differ in length.
+
+    Examples
+    --------
+    >>> from struck.excitation import TouchLog
+    >>> log = TouchLog(times=[0.0, 0.1, 0.2], forces=[0.0, 2.0, 0.0], speeds=[0.0, 0.1, 0.0])
+    >>> log.moves()
+    array([ True, False, False])
     """
 
     times: ArrayLike
@@ -434,7 +441,21 @@ class TouchLog:
             object.__setattr__(self, "directions", directions)
 
     def begin(self, model: ModalModel, sample_rate: float, *, start: int = 0) -> Replay:
-        """Begin on a model at sample number `start`; see `struck.excitation.excitation`.
+        """Begin the excitation on a model.
+
+        Parameters
+        ----------
+        model : ModalModel
+            Model of the body.
+        sample_rate : float
+            Sample rate of the forces, Hz.
+        start : int, default 0
+            Number of the first sample; negative for a prelude.
+
+        Returns
+        -------
+        Replay
+            The excitation at work, which returns its pushes block by block.
 
         Raises
         ------
@@ -445,7 +466,18 @@ class TouchLog:
         return Replay(self, model, sample_rate, start=start)
 
     def place(self, number: int) -> tuple[Array | None, Array | None]:
-        """Return update `number`'s point (D,), m, and direction (3,); None if not logged."""
+        """Return the point and direction of an update.
+
+        Parameters
+        ----------
+        number : int
+            Number of the update, from 0.
+
+        Returns
+        -------
+        tuple of array (D,) or None, array (3,) or None
+            Point, m, and direction; None if not logged.
+        """
         points, directions = self.places(np.array([number]))
         return (
             None if points is None else points[0],
@@ -453,7 +485,18 @@ class TouchLog:
         )
 
     def places(self, numbers: Index) -> tuple[Array | None, Array | None]:
-        """Return the points (K, D) and directions (K, 3) at `numbers` (K,); None if not logged."""
+        """Return the points and directions of several updates.
+
+        Parameters
+        ----------
+        numbers : array (K,) of int
+            Numbers of the updates, from 0.
+
+        Returns
+        -------
+        tuple of array (K, D) or None, array (K, 3) or None
+            Points, m, and directions; None if not logged.
+        """
         tables = (self.points, self.directions)
         points, load_directions = (
             None if rows is None else np.asarray(rows)[numbers] for rows in tables
@@ -461,7 +504,13 @@ class TouchLog:
         return points, load_directions
 
     def moves(self) -> Mask:
-        """Return which updates (K,) have another place or direction than the one before."""
+        """Find the updates whose point or direction differs from the previous one.
+
+        Returns
+        -------
+        array (K,) of bool
+            True for the first update, and for each change.
+        """
         is_moved = np.zeros(len(np.asarray(self.times)), np.bool_)
         is_moved[0] = True
         for rows in (

@@ -106,10 +106,15 @@ class Explorer:
         return f"http://127.0.0.1:{self.port}/?token={self._token}"
 
     def wait(self, seconds: float | None = None) -> None:
-        """Serve until Ctrl-C or `stop`, or for a number of seconds; then end.
+        """Serve until Ctrl-C or `stop`, then end.
 
         SIGTERM, and SIGHUP of a terminal that is closed, end the process once the room is closed,
         unless the program handles or ignores them itself.
+
+        Parameters
+        ----------
+        seconds : float, optional
+            Maximum duration, s. Default: unlimited.
         """
         end = math.inf if seconds is None else time.monotonic() + seconds
         with orderly_end():
@@ -120,10 +125,15 @@ class Explorer:
             self.stop()
 
     def open_in_browser(self) -> bool:
-        """Open the room in the user's browser; return whether one could be started.
+        """Open the room in the browser of the user.
 
         The command line of a browser can be read by every user of the machine: so it names a file
         that this user alone can read, which leads to the address with the token.
+
+        Returns
+        -------
+        bool
+            Whether a browser could be started.
         """
         address = html.escape(self.url)
         page = self._folder.write_private(

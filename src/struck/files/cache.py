@@ -46,9 +46,9 @@ class Cache:
     Parameters
     ----------
     folder : path
-        Where entries are; made when the first is kept.
-    most_bytes : int
-        What all entries together may take on the disk.
+        Folder of the entries, created when the first is stored.
+    most_bytes : int, default 2147483648
+        Maximum size of all entries together on the disk, bytes.
 
     Attributes
     ----------
@@ -58,7 +58,18 @@ class Cache:
     Raises
     ------
     OptionError
-        When `most_bytes` is negative.
+        If `most_bytes` is negative.
+
+    Examples
+    --------
+    >>> from hashlib import sha256
+    >>> from struck.files import Cache
+    >>> cache, key = Cache("results"), sha256(b"what it depends on").hexdigest()
+    >>> cache.put(key, b"content")
+    >>> cache.get(key)
+    b'content'
+    >>> cache.clear()
+    1
     """
 
     def __init__(self, folder: str | os.PathLike[str], *, most_bytes: int = MOST_BYTES) -> None:
@@ -70,9 +81,19 @@ class Cache:
         self._said: set[str] = set()
 
     def get(self, key: str) -> bytes | None:
-        """Return the content stored under `key`, a SHA-256 in hexadecimal; None without an entry.
+        """Return the content of an entry.
 
-        A damaged entry is removed, counted in `damaged` and said once as a `CacheWarning`.
+        A damaged entry is removed, counted in `damaged`, and reported once by a `CacheWarning`.
+
+        Parameters
+        ----------
+        key : str
+            SHA-256 in hexadecimal.
+
+        Returns
+        -------
+        bytes or None
+            The content; None if there is no entry.
         """
         path = self._path(key)
         try:
@@ -90,7 +111,15 @@ class Cache:
         return content
 
     def put(self, key: str, content: bytes) -> None:
-        """Keep `content` under a `key`, a SHA-256 in hexadecimal, where the disk allows it."""
+        """Store content, if the disk allows it.
+
+        Parameters
+        ----------
+        key : str
+            SHA-256 in hexadecimal.
+        content : bytes
+            The content.
+        """
         from struck.files.atomic import write_bytes  # only where something is kept
 
         path = self._path(key)
@@ -107,7 +136,15 @@ class Cache:
         self._trim(path)
 
     def discard(self, key: str, reason: str) -> None:
-        """Remove the damaged entry of a `key`, count it, and warn once of the `reason`."""
+        """Remove a damaged entry, count it, and warn once.
+
+        Parameters
+        ----------
+        key : str
+            SHA-256 in hexadecimal.
+        reason : str
+            Cause of the damage.
+        """
         self.damaged += 1
         with suppress(OSError):
             self._path(key).unlink()
@@ -117,13 +154,27 @@ class Cache:
         )
 
     def say(self, kind: str, text: str) -> None:
-        """Warn with a `text`, once for each `kind` of warning."""
+        """Warn once for each kind of warning.
+
+        Parameters
+        ----------
+        kind : str
+            Kind of the warning.
+        text : str
+            Its text.
+        """
         if kind not in self._said:
             self._said.add(kind)
             warnings.warn(text, CacheWarning, stacklevel=3)
 
     def entries(self) -> list[CacheEntry]:
-        """Return all entries, the least recently used first."""
+        """List all entries, the least recently used first.
+
+        Returns
+        -------
+        list of CacheEntry
+            Path, size and last use of each.
+        """
         entries: list[CacheEntry] = []
         with suppress(OSError), os.scandir(self.folder) as directory:
             for file in (file for file in directory if _KEY.fullmatch(file.name)):
@@ -135,7 +186,13 @@ class Cache:
         return sorted(entries, key=lambda entry: entry.used)
 
     def clear(self) -> int:
-        """Remove all entries and leftovers of killed processes; return the number of entries."""
+        """Remove all entries, and files that killed processes left.
+
+        Returns
+        -------
+        int
+            Number of entries that were removed.
+        """
         from struck.files.atomic import sweep
 
         sweep(self.folder)

@@ -189,21 +189,36 @@ def load_surface(
     part: str | None = None,
     up: str | None = None,
 ) -> Mesh:
-    """Load a surface as stored in a mesh file, closed or not.
+    """Read the surface of a mesh file as it is, closed or not.
 
-    Vertices at the very same place become one (formats repeat them along seams, STL for each
-    face), vertices without faces go, and polygons are cut into triangles. Faces without area are
-    left out where the surface stays closed without them.
+    Equal vertices are merged (formats repeat them along seams, STL for each face), vertices without
+    faces are removed, and polygons are cut into triangles. Faces without area are removed if the
+    surface stays closed without them.
 
     Parameters
     ----------
-    path, units, size, part, up
-        As for `load_body`; without `part` it holds all bodies of the file.
+    path : path
+        The file.
+    units : {"m", "cm", "mm", "in", "ft"}, optional
+        Unit of the coordinates. Default: the unit stored in the file, otherwise metres.
+    size : float, optional
+        Scale the surface so that the longest edge of its bounding box has this length, m.
+    part : str, optional
+        Name of the body to read. Default: all bodies of the file.
+    up : {"x", "y", "z"}, optional
+        Axis that points up. Default: as the file format defines it.
 
     Returns
     -------
     Mesh
-        The surface, in m.
+        The surface, m.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> _ = trimesh.creation.box((0.2, 0.1, 0.05)).export("box.stl")
+    >>> struck.files.load_surface("box.stl", units="m").faces.shape
+    (12, 3)
     """
     return _read_surface(Path(path), units, size, part, up)[0]
 
@@ -230,43 +245,41 @@ def load_body(
     wall: float | None = None,
     holes: str | None = None,
 ) -> Repair:
-    """Load one body from a mesh file, and repair it where its surface is not closed.
+    """Read one body from a mesh file, and repair its surface if it is not closed.
 
     Parameters
     ----------
     path : path
-        A file of type OBJ, STL, PLY, OFF, GLB or glTF, also packed as gz, bz2, xz or zip.
-    units : str, optional
-        What the file's numbers are: "m", "cm", "mm", "in" or "ft". Left out, they are taken as
-        metres, as glTF defines them.
+        A file of type OBJ, STL, PLY, OFF, GLB or glTF, also compressed by gz, bz2, xz or zip.
+    units : {"m", "cm", "mm", "in", "ft"}, optional
+        Unit of the coordinates. Default: metres, as glTF defines them.
     size : float, optional
-        Longest edge of the body's bounding box after scaling, m; instead of `units`.
+        Length of the longest edge of the bounding box after scaling, m, instead of `units`.
     part : str, optional
-        Which body of several: the name of an OBJ object or group, an STL solid or a glTF node, or
-        the number of a separate body, "0", "1", ... in file order. Names come before numbers.
-    up : str, optional
-        The axis that points up, "x", "y" or "z"; left out, the custom of the format: y for OBJ,
-        GLB and glTF, z for STL, PLY and OFF.
+        One body of several: the name of an OBJ object or group, an STL solid or a glTF node, or the
+        number of a separate body, "0", "1", ... in file order. Names come before numbers.
+    up : {"x", "y", "z"}, optional
+        Axis that points up. Default: y for OBJ, GLB and glTF, z for STL, PLY and OFF.
     wall : float, optional
-        Thickness that a single-sided sheet shall have, m.
-    holes : str, optional
-        Of a surface that is given a wall: "keep" leaves its openings open, "fill" closes them
-        except for the rim of an open sheet. Left out, round and straight-edged ones stay open, as
-        a sound hole does, and ragged ones of a closed surface are filled.
+        Thickness of a single-sided sheet, m.
+    holes : {"keep", "fill"}, optional
+        Openings of a surface with a wall: "keep" leaves them open, "fill" closes them, except the
+        rim of an open sheet. Default: keep round and straight-edged ones, and fill ragged ones of a
+        closed surface.
 
     Returns
     -------
     Repair
-        The closed surface with normals outward, or the sheet, in m, with what was found and
-        changed; the largest of several bodies, unless `part` chooses.
+        The closed surface with outward normals, or the sheet, m, with its repairs. Of several
+        bodies it is the largest, unless `part` selects one.
 
     Raises
     ------
     OptionError
-        On unknown units or axis, a size that is not positive, both `units` and `size`, or `holes`
-        without a wall.
+        If the unit or axis is unknown, the size is not positive, both `units` and `size` are given,
+        or `holes` without a wall.
     MeshError
-        When the file cannot be read, or no body can be made of its content.
+        If the file cannot be read, or its content is not a body.
     """
     require_holes(holes, wall)
     surface, extras = _read_surface(Path(path), units, size, part, up)
@@ -311,12 +324,14 @@ class MeshPart:
 
 @checked
 def list_parts(path: str | os.PathLike[str], *, units: str | None = None) -> tuple[MeshPart, ...]:
-    """Return the bodies that a mesh file holds, by number, before any is analyzed.
+    """List the bodies of a mesh file, before any is analyzed.
 
     Parameters
     ----------
-    path, units
-        As for `load_body`.
+    path : path
+        The file.
+    units : {"m", "cm", "mm", "in", "ft"}, optional
+        Unit of the coordinates. Default: the unit stored in the file, otherwise metres.
 
     Returns
     -------
@@ -326,9 +341,18 @@ def list_parts(path: str | os.PathLike[str], *, units: str | None = None) -> tup
     Raises
     ------
     OptionError
-        On unknown units.
+        If the unit is unknown.
     MeshError
-        When the file cannot be read.
+        If the file cannot be read.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> ball = trimesh.creation.icosphere(subdivisions=2, radius=0.05)
+    >>> other = ball.copy().apply_translation([0.2, 0.0, 0.0])
+    >>> _ = trimesh.util.concatenate([ball, other]).export("two.stl")
+    >>> [part.faces for part in struck.files.list_parts("two.stl")]
+    [320, 320]
     """
     path = Path(path)
     _require_options(units, None, None)

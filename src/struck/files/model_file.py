@@ -413,9 +413,9 @@ def save(
         The ending selects the format: ``.struck`` holds the whole model, ``.sofa`` its gains,
         ``.vtu`` its surface with one vector field for each mode shape.
     contacts : array-like (K, 3) or sequence of str, optional
-        Contacts of a ``.sofa`` file, m, or names of contacts. Default: those of the recordings.
+        Contacts of a ``.sofa`` file, m, or names of contacts. Default: the recorded ones.
     listeners : array-like (L, 3), optional
-        Listeners of a ``.sofa`` file, m. Default: those of the recordings.
+        Listeners of a ``.sofa`` file, m. Default: the recorded ones.
 
     Raises
     ------
@@ -457,12 +457,30 @@ def save(
 
 @checked
 def load(path: str | os.PathLike[str]) -> ModalModel:
-    """Read the model at `path`: a ``.struck`` file, or a ``.sofa`` file of gains of modes.
+    """Read a model from a file.
+
+    Parameters
+    ----------
+    path : path
+        A ``.struck`` file, or a ``.sofa`` file of gains of modes.
+
+    Returns
+    -------
+    ModalModel
+        The model.
 
     Raises
     ------
     FileFormatError
-        When the file is missing, damaged, no model, or of a newer version.
+        If the file is missing, damaged, not a model, or of a newer version.
+
+    Examples
+    --------
+    >>> bar = struck.shapes.Bar(length=0.3, width=0.03, thickness=0.005, ends="free")
+    >>> model = struck.analyze(bar, "steel", progress=None)
+    >>> struck.save(model, "bar.struck")
+    >>> bool((struck.load("bar.struck").frequencies == model.frequencies).all())
+    True
     """
     if not _is_sofa(path):
         return read_struck(path)

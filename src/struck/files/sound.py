@@ -31,19 +31,29 @@ class Sound:
 
     Parameters
     ----------
-    samples : array (channels, n), float32
-        Pressure in Pa when `calibrated`, else relative. One channel may come as (n,).
+    samples : array (channels, n) or (n,), float32
+        Pressure, Pa if `calibrated`, otherwise relative.
     sample_rate : int
-        Hz.
-    calibrated : bool
-        Whether the samples are Pa.
-    notes : tuple of str
-        What a listener should know: what was left out, and how much.
+        Sample rate, Hz.
+    calibrated : bool, default False
+        Whether the samples are in Pa.
+    notes : tuple of str, optional
+        Remarks for the listener, such as which modes were left out.
 
     Raises
     ------
     OptionError
-        On samples that are not finite or not (channels, n), or a sample rate below 1.
+        If samples are not finite or not of this shape, or the sample rate is below 1 Hz.
+
+    Examples
+    --------
+    >>> time = np.arange(48_000) / 48_000
+    >>> tone = struck.Sound(samples=0.1 * np.sin(2 * np.pi * 440 * time), sample_rate=48_000)
+    >>> tone.samples.shape, round(tone.peak, 3)
+    ((1, 48000), 0.1)
+    >>> factor = tone.save("tone.wav")
+    >>> struck.Sound.load("tone.wav").sample_rate
+    48000
     """
 
     samples: NDArray[np.float32]
@@ -77,17 +87,27 @@ class Sound:
     @classmethod
     @checked
     def load(cls, path: str | os.PathLike[str]) -> Sound:
-        """Read the sound file at `path`: WAV (32-bit float, 24 or 16 bit), FLAC, OGG, AIFF or MP3.
+        """Read a sound file: WAV (32-bit float, 24 or 16 bit), FLAC, OGG, AIFF or MP3.
 
-        A file that `save` wrote comes back in its own unit, by the factor in its comment; of any
-        other 1.0 is full scale.
+        A file that was written by `save` has its original unit, by the factor in its comment. In
+        others, 1.0 is full scale.
+
+        Parameters
+        ----------
+        path : path
+            The file.
+
+        Returns
+        -------
+        Sound
+            The sound.
 
         Raises
         ------
         FileFormatError
-            When the file cannot be read or is no such sound.
+            If the file cannot be read or is not such a sound.
         MissingDependencyError
-            When soundfile, which reads all but WAV, is not installed.
+            If soundfile, which reads all but WAV, is not installed.
         """
         from struck.files.sound_formats import decoded
 
@@ -116,34 +136,34 @@ class Sound:
     def save(
         self, path: str | os.PathLike[str], level: str | float = "peak", encoding: str | None = None
     ) -> float:
-        """Write a sound file of the kind that its ending says, whole or not at all.
+        """Write a sound file, completely or not at all.
 
         Parameters
         ----------
         path : path
-            Where to; its folder must exist. Its ending is .wav, or .flac, .ogg, .aiff or .mp3,
-            which soundfile writes.
-        level : str or float
-            "peak" puts the maximum at -1 dB of full scale (silence stays silence), so that soft
-            and hard blows come out equally loud; a pressure in Pa is full scale, 1.0 (for several
-            sounds see `struck.files.save_set`); "absolute" takes 20 Pa.
-        encoding : str, optional
-            "float32", "int24" or "int16" where the format has them; its best unless given.
+            The file, in a folder that exists. Its ending selects the format: .wav, or .flac, .ogg,
+            .aiff or .mp3, which soundfile writes.
+        level : str or float, default "peak"
+            "peak": scale the maximum to -1 dB of full scale (silence stays silence), so that soft
+            and hard strikes are equally loud. A number: pressure of full scale, Pa (for several
+            sounds see `struck.files.save_set`). "absolute": 20 Pa.
+        encoding : {"float32", "int24", "int16"}, optional
+            Encoding of the samples, if the format has it. Default: the best of the format.
 
         Returns
         -------
         float
-            What the samples were multiplied by; the file's comment holds it too.
+            Factor of the samples, which is also written to the comment of the file.
 
         Raises
         ------
         OptionError
-            On an unknown ending, level or encoding, an absolute level for a sound that is not
-            calibrated, or samples that an encoding would clip or leave silence of.
+            If the ending, level or encoding is unknown, an absolute level is requested for a sound
+            that is not calibrated, or the encoding would clip samples or reduce them to silence.
         FileFormatError
-            When the file cannot be written.
+            If the file cannot be written.
         MissingDependencyError
-            When soundfile is needed and not installed.
+            If soundfile is needed and not installed.
         """
         from struck.files.sound_formats import chosen
 
@@ -161,7 +181,22 @@ class Sound:
         return factor
 
     def encoded(self, factor: float, ending: str = ".wav", encoding: str = "float32") -> bytes:
-        """Return a file's bytes: samples times `factor`; `ending` and `encoding` as in `save`."""
+        """Encode the sound as the bytes of a file.
+
+        Parameters
+        ----------
+        factor : float
+            Factor of the samples.
+        ending : str, default ".wav"
+            Format, as in `save`.
+        encoding : str, default "float32"
+            Encoding of the samples, as in `save`.
+
+        Returns
+        -------
+        bytes
+            Content of the file.
+        """
         from struck.files.sound_formats import encoded
 
         recording = wav.Recording(
@@ -172,20 +207,26 @@ class Sound:
         return encoded(recording, ending, encoding)
 
     def spectrum(self) -> tuple[Array, Array]:
-        """Return frequencies, Hz (B,), and the Fourier transform's modulus, Pa s (channels, B)."""
+        """Compute the magnitude of the Fourier transform.
+
+        Returns
+        -------
+        tuple of array (B,), array (channels, B)
+            Frequencies, Hz, and magnitudes, Pa s.
+        """
         values: Array = np.abs(np.fft.rfft(self.samples.astype(np.float64))) / self.sample_rate
         return _bins(self.samples.shape[1], self.sample_rate), values
 
     @checked
     def spectrogram(self, window: float = 0.04, step: float = 0.005) -> tuple[Array, Array, Array]:
-        """Return how the spectrum goes on in time, through a Hann window.
+        """Compute the spectrum over time, with a Hann window.
 
         Parameters
         ----------
-        window : float
-            Length of the window, s: frequencies closer than 2 / `window` run together.
-        step : float
-            From one window to the next, s.
+        window : float, default 0.04
+            Duration of the window, s. Frequencies closer than 2 / `window` are not resolved.
+        step : float, default 0.005
+            Interval of the windows, s.
 
         Returns
         -------

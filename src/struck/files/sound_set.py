@@ -44,22 +44,22 @@ def save_set(
     encoding: str | None = None,
     ending: str = ".wav",
 ) -> list[dict[str, Any]]:
-    """Write sounds with one common level, so that their differences of loudness stay.
+    """Write sounds with one common level, which keeps their differences of loudness.
 
     Parameters
     ----------
-    sounds : mapping of str to Sound, or pairs of them
-        By the names of their files, without an ending.
+    sounds : mapping of str to Sound, or iterable of pairs
+        Sounds by the names of their files, without an ending.
     folder : path
-        Made where it is missing.
-    strikes : sequence of Strike, or of (Strike, listener's place)
+        Folder, which is created if it does not exist.
+    strikes : sequence of Strike, or of (Strike, listener position), default ()
         One for each sound, for the columns of the table "set.csv", which `struck render --strikes`
-        takes: "at", "striker" and whatever else was given.
+        reads: "at", "striker" and other arguments that were given.
     level : float, optional
-        Pressure that is full scale, Pa; else the loudest peak is 1 dB below it.
-    encoding : str, optional
-        "float32", "int24" or "int16". Default: "float32" where the format has it.
-    ending : str
+        Pressure of full scale, Pa. Default: the loudest peak is 1 dB below full scale.
+    encoding : {"float32", "int24", "int16"}, optional
+        Encoding. Default: "float32", if the format has it.
+    ending : str, default ".wav"
         ".wav", ".flac", ".ogg", ".aiff" or ".mp3".
 
     Returns
@@ -71,10 +71,10 @@ def save_set(
     Raises
     ------
     OptionError
-        On no sounds, two of one name, units that differ, or a file that would not keep its level
-        within 0.1 dB, or in OGG and MP3, which leave out what is not heard, 1 dB.
+        If there are no sounds, two have one name, units differ, or a file would not keep its level
+        within 0.1 dB (1 dB in OGG and MP3, which omit inaudible parts).
     FileFormatError
-        When the folder cannot be made or written.
+        If the folder cannot be created or written.
     """
     items: Any = sounds.items() if isinstance(sounds, Mapping) else sounds
     pairs: list[tuple[str, Sound]] = _pairs(items)

@@ -157,21 +157,21 @@ class Device:
     Parameters
     ----------
     number : int
-        As PortAudio counts; valid until PortAudio is closed.
+        Number by PortAudio, valid until it is closed.
     name : str
-        Name that the sound system gives.
+        Name of the device.
     host : str
-        The sound system that reaches it: "ALSA", "Core Audio" ...
+        Sound system of the device, such as "ALSA" or "Core Audio".
     outputs : int
         Number of output channels.
     inputs : int
         Number of input channels.
     sample_rate : float
-        The default one, Hz.
+        Default sample rate, Hz.
     output_latency : float
-        The lowest latency of its outputs that the device recommends, s.
+        Lowest recommended output latency, s.
     input_latency : float
-        The lowest latency of its inputs that the device recommends, s.
+        Lowest recommended input latency, s.
     default : bool
         Whether it is the default device for playing, or for recording.
     """
@@ -335,12 +335,24 @@ class PortAudio:
                 self.library.Pa_Terminate()
 
     def devices(self) -> list[Device]:
-        """Return all devices that can play."""
+        """List all devices that can play.
+
+        Returns
+        -------
+        list of Device
+            The devices.
+        """
         default_number = self.library.Pa_GetDefaultOutputDevice()
         return [device for device in self._find_devices(default_number) if device.outputs]
 
     def recorders(self) -> list[Device]:
-        """Return all devices that can record."""
+        """List all devices that can record.
+
+        Returns
+        -------
+        list of Device
+            The devices.
+        """
         default_number = self.library.Pa_GetDefaultInputDevice()
         return [device for device in self._find_devices(default_number) if device.inputs]
 
@@ -363,11 +375,33 @@ class PortAudio:
         )
 
     def device(self, selector: int | str | None = None) -> Device:
-        """Return the device to play on, by number or name (`selector`); None: the default one."""
+        """Find a device that can play.
+
+        Parameters
+        ----------
+        wanted : int or str, optional
+            Number of the device, or a part of its name. Default: the default device.
+
+        Returns
+        -------
+        Device
+            The device.
+        """
         return choose(self.devices(), selector)
 
     def recorder(self, selector: int | str | None = None) -> Device:
-        """Return the device to record from; `selector` as for `device`."""
+        """Find a device that can record.
+
+        Parameters
+        ----------
+        wanted : int or str, optional
+            Number of the device, or a part of its name. Default: the default device.
+
+        Returns
+        -------
+        Device
+            The device.
+        """
         return choose(self.recorders(), selector, what="record")
 
     def open(
@@ -381,11 +415,29 @@ class PortAudio:
         inputs: int = 0,
         device: int | str | None = None,
     ) -> Stream:
-        """Open a stream of interleaved float32 samples; it does not run yet.
+        """Open a stream of interleaved float32 samples, which is not started.
 
-        `callback` and `data` are addresses, of a `PaStreamCallback` and its `userData`, which must
-        outlive the stream, at `sample_rate`, Hz, `block` samples per call. It records `inputs`
-        channels on the same `device`; without `channels` it only records.
+        Parameters
+        ----------
+        callback : int
+            Address of a `PaStreamCallback`, which must outlive the stream.
+        data : int
+            Address of its `userData`, which must outlive the stream.
+        sample_rate : float
+            Sample rate, Hz.
+        block : int
+            Samples per call.
+        channels : int
+            Number of output channels; 0 to record only.
+        inputs : int, default 0
+            Number of input channels of the same device.
+        device : int or str, optional
+            Number of the device, or a part of its name. Default: the default device.
+
+        Returns
+        -------
+        Stream
+            The stream.
         """
         chosen = self.device(device) if channels else self.recorder(device)
         devices = self.devices() if channels else self.recorders()

@@ -49,13 +49,29 @@ _SWITCH_INTERVAL = 0.00005  # s
 class Player:
     """Bodies that are struck, scraped, touched and held while they sound.
 
-    `struck.play` makes it. All of its methods may be called from any thread, at any rate. They
-    return at once and take effect two blocks and the device's latency later, in order and at the
-    same distances in time. With a `moment` they take effect at that moment of the player's clock,
-    to the sample.
+    Made by `struck.play`. All methods may be called from any thread at any rate. They return at
+    once and take effect two blocks and the latency of the device later, in the same order and at
+    the same intervals as the calls. With a `moment` they take effect at that moment of the player's
+    clock, to the sample.
 
-    Its parameters are those of `struck.play`: `models` (B of them), and the `outlet` where sound
-    leaves, an audio device or a test; a listener is a place (3,), m, or has one; `lost` are notes.
+    Parameters
+    ----------
+    models : sequence of ModalModel, or Scene
+        The B bodies.
+    outlet : Outlet
+        Audio device, or a substitute of tests.
+    listener : Mono, Stereo, Binaural or array-like (3,), optional
+        Listener, or its position, m, as for `struck.play`.
+    block : int, default 128
+        Samples per call of the device.
+    volume : float, default 0.0
+        Volume, dB, as for `struck.play`.
+    voices : int, optional
+        Maximum number of simultaneous excitations. Default: 16, or 128 for a scene.
+    ahead : int, optional
+        Number of blocks that are computed ahead. Default: 2, or 8 for a scene.
+    lost : sequence of str, default ()
+        Notes on modes that were left out.
     """
 
     def __init__(
@@ -120,25 +136,27 @@ class Player:
     ) -> None:
         """Strike a body.
 
-        Where there is no voice for it the strike is left out and counted in `dropped`.
+        If no voice is free, the strike is left out and counted in `dropped`.
 
         Parameters
         ----------
         strike : Strike, optional
-            Its `time` counts from the moment.
-        body : int or str
-            Which one: its number, or its name in the scene.
+            The strike; its `time` counts from the moment.
+        body : int or str, default 0
+            Number of the body, or its name in the scene.
         moment : float, optional
-            When, on the player's clock (`now`), s. Default: at once.
-        **options
-            Arguments of `Strike`, in place of one.
+            Time on the clock of the player (`now`), s. Default: at once.
+        **given
+            Arguments of a `Strike`, instead of one.
 
         Raises
         ------
         DeviceError
-            Where the device has gone.
-        ContactError, OptionError
-            On a strike that is not possible.
+            If the device has stopped.
+        ContactError
+            If the contact is not on the body.
+        OptionError
+            If a value is out of range.
         """
         if strike is not None and options:
             raise OptionError(f"a Strike and {', '.join(options)}: give one or the other")
@@ -153,20 +171,31 @@ class Player:
 
     @checked
     def start(self, excitation: Excitation, *, body: int | str = 0) -> Started:
-        """Start any excitation of a `body`; its `time`, s, counts from now.
+        """Start an excitation of a body.
+
+        Parameters
+        ----------
+        excitation : excitation
+            Strike, Scrape, Roll, Pluck or ForceTrack; its `time`, s, counts from now.
+        body : int or str, default 0
+            Number of the body, or its name in the scene.
 
         Returns
         -------
         Started
-            With `stop()`, which lets it go within 5 ms, and `finished`: at once where there is no
-            voice for it, which `dropped` counts.
+            The excitation, with `stop()`, which ends it within 5 ms, and `finished`, which is True
+            at once if no voice is free; `dropped` counts such excitations.
 
         Raises
         ------
         ArgumentError
-            Where it is no excitation.
-        DeviceError, ContactError, OptionError
-            As for `strike`.
+            If it is not an excitation.
+        DeviceError
+            If the device has stopped.
+        ContactError
+            If the contact is not on the body.
+        OptionError
+            If a value is out of range.
         """
         self._require_playing()
         if not callable(getattr(excitation, "begin", None)):
@@ -187,33 +216,37 @@ class Player:
         tool: Tool | None = None,
         moment: float | None = None,
     ) -> None:
-        """Update the position, load and velocity of a hand, a tool or a haptic device.
+        """Report position, load and velocity of a hand, a tool or a haptic device.
 
-        Call it 60 to 1000 times a second while it touches, and once with force 0 when it lets go.
+        Call it 60 to 1000 times per second during a touch, and once with force 0 at its end.
 
         Parameters
         ----------
         at : Contact, array-like or str
-            Place, as for a strike.
+            Contact, as for a `Strike`.
         force : float
-            Load, N; 0 lets go.
-        velocity : float or array-like
-            Along the surface, m/s; its magnitude counts.
+            Load, N; 0 ends the touch.
+        velocity : float or array-like, default 0.0
+            Velocity along the surface, m/s, of which the magnitude counts.
         direction : array-like (3,), optional
-            Along which it presses. Default: straight into the surface.
-        body : int or str
-            Which one: its number, or its name in the scene. Default: 0.
-        finger : int
-            Number of the touch, of several on one body. Default: 0.
+            Direction of the load. Default: straight into the surface.
+        body : int or str, default 0
+            Number of the body, or its name in the scene.
+        finger : int, default 0
+            Number of the touch, of several on one body.
         tool : Tool, optional
-            What touches; the tool of the first touch of a finger counts.
+            What touches, given with the first touch of a finger.
         moment : float, optional
             As for `strike`.
 
         Raises
         ------
-        DeviceError, ContactError, OptionError
-            As for `strike`.
+        DeviceError
+            If the device has stopped.
+        ContactError
+            If the contact is not on the body.
+        OptionError
+            If a value is out of range.
         """
         self._require_playing()
         number, contact = self._host.number(body), self._host.body(body).contact(at, direction)
@@ -222,14 +255,26 @@ class Player:
 
     @checked
     def touch_log_of(self, *, body: int | str = 0, finger: int = 0) -> TouchLog:
-        """Return the log of a `finger` on a `body` (its last 60,000 updates), to render offline.
+        """Return the log of a touch (its last 60,000 updates), for offline rendering.
 
-        Its times count from when the player began.
+        Its times count from the start of the player.
+
+        Parameters
+        ----------
+        body : int or str, default 0
+            Number of the body, or its name in the scene.
+        finger : int, default 0
+            Number of the touch, of several on one body.
+
+        Returns
+        -------
+        TouchLog
+            The log.
 
         Raises
         ------
         OptionError
-            Where there was no such touch.
+            If there was no such touch.
         """
         return self._host.notes(self._host.number(body), finger).log()
 
@@ -240,36 +285,47 @@ class Player:
 
     @checked
     def dampen(self, at: Place, grip: float, *, body: int | str = 0) -> None:
-        """Hold a body by a hand.
+        """Hold a body with a hand.
 
         Parameters
         ----------
         at : array-like or str
-            Where.
+            Contact, as for a `Strike`.
         grip : float
-            Viscous, N s/m, as of a `Hold`; 0 lets go there. Modes that move more there decay
-            faster; frequencies stay.
-        body : int or str
-            Which one.
+            Resistance, N s/m, as of a `Hold`; 0 releases the contact. Modes with larger motion
+            there decay faster; frequencies do not change.
+        body : int or str, default 0
+            Number of the body, or its name in the scene.
 
         Raises
         ------
-        DeviceError, ContactError, OptionError
-            As for `strike`.
+        DeviceError
+            If the device has stopped.
+        ContactError
+            If the contact is not on the body.
+        OptionError
+            If a value is out of range.
         """
         self._require_playing()
         self._host.dampen(self._host.number(body), at, grip)
 
     @checked
     def change(self, model: ModalModel, *, body: int | str = 0) -> None:
-        """Replace a body's `model`, say by one of another material; it may ring meanwhile.
+        """Replace the model of a body, for instance by one of another material, while it rings.
+
+        Parameters
+        ----------
+        model : ModalModel
+            The new model, with the same number of modes.
+        body : int or str, default 0
+            Number of the body, or its name in the scene.
 
         Raises
         ------
         DeviceError
-            Where the device has gone.
+            If the device has stopped.
         OptionError
-            Where it has another number of modes, or is not fit to ring.
+            If the model has another number of modes, or cannot be played.
         """
         self._require_playing()
         self._host.change(self._host.number(body), model)
@@ -283,40 +339,50 @@ class Player:
         *,
         moment: float | None = None,
     ) -> None:
-        """Move a body; its sound has the Doppler shift of the motion.
+        """Move a body, with its Doppler shift.
 
         Parameters
         ----------
         body : int or str
-            Which one.
+            Number of the body, or its name in the scene.
         position : array-like (3,), optional
-            Where the origin of its coordinates goes, m, as for a `Body`. Default: it stays.
+            New position of the origin of its coordinates, m. Default: unchanged.
         rotation : array-like (3, 3) or (4,), optional
-            Its rotation there, as for a `Body`. Default: it stays.
+            New rotation, as for a `Body`. Default: unchanged.
         moment : float, optional
-            When it is there, on the player's clock, s: it moves evenly from its last pose. Default:
-            at once, within some 10 ms.
+            Time of arrival on the clock of the player, s: the body moves evenly from its last pose.
+            Default: within about 10 ms.
 
         Raises
         ------
-        DeviceError, OptionError
-            As for `strike`; and where the listener is a bare position, by which nothing moves.
+        DeviceError
+            If the device has stopped.
+        OptionError
+            If a value is out of range, or the listener is a bare position, for which nothing moves.
         """
         self._require_playing()
         self._host.move(self._host.number(body), position, rotation, moment)
 
     @checked
     def follow(self, contacts: Contacts, *, ended: bool = False) -> None:
-        """Play the next piece of a contact log: motion and contacts of the scene's bodies.
+        """Play the next piece of a contact log: motion and contacts of the bodies of the scene.
 
-        Its blows and sustained contacts sound, and its poses take effect, some 100 ms later; the
-        next piece has to come before that: give 20 to 100 ms at a time, with the same names and
-        ascending times. A piece that has `ended` is played to its end.
+        It takes effect about 100 ms later, by which time the next piece must have come. Pass 20 to
+        100 ms at a time, with the same names and ascending times.
+
+        Parameters
+        ----------
+        contacts : Contacts
+            The piece.
+        ended : bool, default False
+            Whether it is the last one, which is then played to its end.
 
         Raises
         ------
-        DeviceError, OptionError
-            As for `strike`; on names that the scene does not have, or a player without a scene.
+        DeviceError
+            If the device has stopped.
+        OptionError
+            If the scene lacks a name of the log, or the player has no scene.
         """
         self._require_playing()
         if self._stream is None:
@@ -327,7 +393,17 @@ class Player:
     def simulate(self, simulation: Simulation, control: Control | None = None) -> None:
         """Run a simulation together with the player, before it begins; as `struck.play` does.
 
-        `control` is that of `struck.play`. Raises OptionError when a simulation runs already.
+        Parameters
+        ----------
+        simulation : Simulation
+            The simulation.
+        control : callable, optional
+            As for `struck.play`.
+
+        Raises
+        ------
+        OptionError
+            If a simulation is running already.
         """
         if self._stream is None or self._run is not None:
             raise OptionError(
@@ -350,7 +426,15 @@ class Player:
 
     @checked
     def listen(self, listener: Listener | ArrayLike, *, moment: float | None = None) -> None:
-        """Set the listener, or its place (3,), m; at a `moment` of the clock, s, or now."""
+        """Set the listener.
+
+        Parameters
+        ----------
+        listener : Mono, Stereo, Binaural or array-like (3,)
+            Listener, or its position, m.
+        moment : float, optional
+            Time on the clock of the player (`now`), s. Default: at once.
+        """
         self._require_playing()
         self._host.listen(listening(listener), moment)
 

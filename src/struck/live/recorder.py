@@ -28,30 +28,30 @@ _ADDRESS, _FRAME_COUNT, _FRAMES_DONE, _CHANNELS, _LOST_BLOCKS = range(5)
 def microphone(
     seconds: float, *, device: int | str | None = None, sample_rate: float | None = None
 ) -> Sound:
-    """Record one channel from the audio device.
+    """Record one channel from an audio device.
 
     Parameters
     ----------
     seconds : float
-        How long, up to ten minutes.
+        Duration, at most 600 s.
     device : int or str, optional
-        Number or part of the name of a device that records. Default: the system's.
+        Number of the input device, or a part of its name. Default: the default device.
     sample_rate : float, optional
-        Hz. Default: that of the device.
+        Sample rate, Hz. Default: that of the device.
 
     Returns
     -------
     Sound
-        Its samples, 1.0 at full scale, and their rate, as `ForceTrack` takes them.
+        The recording, with 1.0 at full scale, as `ForceTrack` takes it.
 
     Raises
     ------
     OptionError
-        On seconds outside their bounds.
+        If the duration is out of range.
     DeviceError
-        When no device records, or it stops before its time.
+        If no device records, or it stops early.
     MissingDependencyError
-        Without PortAudio.
+        If PortAudio is not installed.
     """
     if not 0 < seconds <= _MAX_SECONDS:
         raise OptionError(
@@ -106,7 +106,24 @@ class DeviceRecorder:
     def record(
         self, take: CapturedTake, seconds: float, lead_in: float, cue: Callable[[], None]
     ) -> Sound:
-        """Record a `take` of some seconds; call `cue` once `lead_in` seconds of it are recorded."""
+        """Record a take.
+
+        Parameters
+        ----------
+        take : CapturedTake
+            The take.
+        seconds : float
+            Duration, s.
+        lead_in : float
+            Time after which `cue` is called, s.
+        cue : callable
+            Called without arguments.
+
+        Returns
+        -------
+        Sound
+            The recording.
+        """
         del take
         skipped_frames = round(SETTLING_SECONDS * self.sample_rate)
         samples, lost_count = self.frames(
@@ -135,10 +152,25 @@ class DeviceRecorder:
         first: int = 0,
         cue: Callable[[], None] = lambda: None,
     ) -> tuple[Single, int]:
-        """Return frames (n, channels) after `skipped` ones, and how often samples were lost.
+        """Record frames.
 
-        `seconds` is their duration; `cue` is called after the `first` frames; `way_out` ends the
-        message of the error when the device stops.
+        Parameters
+        ----------
+        seconds : float
+            Duration without the skipped frames, s.
+        way_out : str
+            End of the error message if the device stops.
+        skipped : int, default 0
+            Number of frames to discard first.
+        first : int, default 0
+            Number of frames after which `cue` is called.
+        cue : callable, optional
+            Called without arguments.
+
+        Returns
+        -------
+        tuple of array (n, channels), int
+            Frames, and how often samples were lost.
         """
         count = skipped + max(1, round(seconds * self.sample_rate))
         samples = np.zeros((count, self.channels), np.float32)

@@ -67,7 +67,18 @@ class Chart:
 
     @classmethod
     def named(cls, coordinates: Sequence[str]) -> Chart | None:
-        """Return the chart of coordinates that all name a unit of length; None of others."""
+        """Make the chart of coordinates that all have a unit of length.
+
+        Parameters
+        ----------
+        coordinates : sequence of str
+            Names, such as "height (m)".
+
+        Returns
+        -------
+        Chart or None
+            None if a coordinate has no unit of length.
+        """
         units = [re.search(r"\((\w+)\)$", name) for name in coordinates]
         pitch = [UNITS.get(unit[1], 0.0) if unit else 0.0 for unit in units]
         return cls(pitch=np.array(pitch)) if pitch and all(pitch) else None
@@ -97,6 +108,11 @@ class Chart:
         heights : tuple of float
             Lowest and highest first coordinate of what was recorded.
 
+        Returns
+        -------
+        Chart
+            The chart.
+
         Raises
         ------
         OptionError
@@ -117,7 +133,18 @@ class Chart:
         return cls(pitch=pitches, around=is_round, outline=outline)
 
     def places(self, points: Array) -> Array:
-        """Return the places, m (K, 3), of contacts with coordinates `points` (K, D)."""
+        """Compute the points of contacts in space.
+
+        Parameters
+        ----------
+        points : array (K, D)
+            Contact coordinates.
+
+        Returns
+        -------
+        array (K, 3)
+            Points, m.
+        """
         positions = points * self.pitch
         flat = np.zeros((len(points), 3))
         if not self.around:
@@ -133,7 +160,18 @@ class Chart:
         )
 
     def scaled(self, factor: float) -> Chart:
-        """Return the chart of the same body `factor` times as large."""
+        """Return the chart of the same body in another size.
+
+        Parameters
+        ----------
+        factor : float
+            Ratio of the new to the old size.
+
+        Returns
+        -------
+        Chart
+            The scaled chart.
+        """
         outline = None if self.outline is None else self.outline * factor
         return replace(self, pitch=self.pitch * factor, outline=outline)
 

@@ -19,10 +19,28 @@ _STEPS, _PRECISION = 200, 1e-14
 
 @runtime_checkable
 class Damping(Protocol):
-    """A damping law: the decay rate of each mode from its frequency."""
+    """A damping law: the decay rate of each mode from its frequency.
+
+    Examples
+    --------
+    >>> friction = struck.InternalFriction(loss_tangent=0.01)
+    >>> isinstance(friction, struck.Damping)
+    True
+    """
 
     def decays(self, frequencies: ArrayLike) -> Array:
-        """Return decay rates d (M,), 1/s, for exp(-d t), at natural `frequencies` (M,), Hz."""
+        """Compute the decay rate of each mode.
+
+        Parameters
+        ----------
+        frequencies : array-like (M,)
+            Natural frequencies, Hz.
+
+        Returns
+        -------
+        array (M,)
+            Amplitude decay rates d of exp(-d t), 1/s.
+        """
         ...
 
 
@@ -34,14 +52,20 @@ class InternalFriction:
     Parameters
     ----------
     loss_tangent : float
-        tan(phi) of the material, constant over frequency: d = pi f tan(phi).
-    external : float
+        Tangent of the loss angle phi, constant over frequency: d = pi f tan(phi).
+    external : float, default 0.0
         Decay rate added to every mode by air, support or hand, 1/s.
 
     Raises
     ------
     MaterialError
-        When either is negative or not finite.
+        If a value is negative or not finite.
+
+    Examples
+    --------
+    >>> friction = struck.InternalFriction(loss_tangent=0.01)
+    >>> friction.decays([100.0, 1000.0]).round(2)
+    array([ 3.14, 31.42])
     """
 
     loss_tangent: float
@@ -51,7 +75,18 @@ class InternalFriction:
         _require_at_least_zero(loss_tangent=self.loss_tangent, external=self.external)
 
     def decays(self, frequencies: ArrayLike) -> Array:
-        """Return d = pi f tan(phi) + external, 1/s."""
+        """Compute d = pi f tan(phi) + external.
+
+        Parameters
+        ----------
+        frequencies : array-like (M,)
+            Natural frequencies, Hz.
+
+        Returns
+        -------
+        array (M,)
+            Amplitude decay rates d of exp(-d t), 1/s.
+        """
         return np.pi * self.loss_tangent * np.asarray(frequencies, float) + self.external
 
 
@@ -66,13 +101,18 @@ class Rayleigh:
         Coefficient of the mass matrix, 1/s: alpha_2 of 2002, alpha of others.
     stiffness : float
         Coefficient of the stiffness matrix, s: alpha_1 of 2002, beta of others.
-    external : float
+    external : float, default 0.0
         Decay rate added to every mode by air, support or hand, 1/s.
 
     Raises
     ------
     MaterialError
-        When one of them is negative or not finite.
+        If a value is negative or not finite.
+
+    Examples
+    --------
+    >>> struck.Rayleigh(mass=2.0, stiffness=1e-7).decays([100.0, 1000.0]).round(2)
+    array([1.02, 2.97])
     """
 
     mass: float
@@ -83,7 +123,18 @@ class Rayleigh:
         _require_at_least_zero(mass=self.mass, stiffness=self.stiffness, external=self.external)
 
     def decays(self, frequencies: ArrayLike) -> Array:
-        """Return d = (mass + stiffness (2 pi f)^2) / 2 + external, 1/s."""
+        """Compute d = (mass + stiffness (2 pi f)^2) / 2 + external.
+
+        Parameters
+        ----------
+        frequencies : array-like (M,)
+            Natural frequencies, Hz.
+
+        Returns
+        -------
+        array (M,)
+            Amplitude decay rates d of exp(-d t), 1/s.
+        """
         squares = np.square(2 * np.pi * np.asarray(frequencies, float))
         return (self.mass + self.stiffness * squares) / 2 + self.external
 
@@ -93,20 +144,28 @@ class Rayleigh:
 class Measured:
     """Decay rates known at some frequencies, interpolated linearly in log f and log d.
 
+    Beyond the first and the last frequency their rates are constant.
+
     Parameters
     ----------
     frequencies : tuple of float or str
-        Ascending, Hz, or notes as "A5".
-    rates : tuple of float
-        Decay rates there, 1/s; beyond the ends the nearest is taken.
-    t60 : tuple of float
-        Instead of rates: times of 60 dB of decay, s; d = ln 1000 / T60.
+        Frequencies in ascending order, Hz, or notes such as "A5".
+    rates : tuple of float, optional
+        Decay rates at these frequencies, 1/s.
+    t60 : tuple of float, optional
+        Instead of `rates`: times of a decay by 60 dB, s; d = ln 1000 / T60.
 
     Raises
     ------
     MaterialError
-        When the two differ in length, are not positive, or frequencies do not ascend; or on both
-        `rates` and `t60`, or neither.
+        If the two differ in length, values are not positive, frequencies do not ascend, or `rates`
+        and `t60` are both given or both missing.
+
+    Examples
+    --------
+    >>> law = struck.Measured(frequencies=(100.0, 10_000.0), t60=(2.0, 0.2))
+    >>> law.decays([100.0, 1000.0, 10_000.0]).round(2)
+    array([ 3.45, 10.92, 34.54])
     """
 
     frequencies: tuple[float | str, ...]
@@ -140,7 +199,18 @@ class Measured:
             )
 
     def decays(self, frequencies: ArrayLike) -> Array:
-        """Return the interpolated decay rates, 1/s."""
+        """Interpolate the decay rates.
+
+        Parameters
+        ----------
+        frequencies : array-like (M,)
+            Natural frequencies, Hz.
+
+        Returns
+        -------
+        array (M,)
+            Amplitude decay rates d of exp(-d t), 1/s.
+        """
         log_frequencies = np.log(np.maximum(np.asarray(frequencies, float), np.finfo(float).tiny))
         return np.exp(np.interp(log_frequencies, np.log(self.frequencies), np.log(self.rates)))
 

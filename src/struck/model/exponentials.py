@@ -29,7 +29,18 @@ class Exponentials:
 
     @classmethod
     def silence(cls, channels: int) -> Exponentials:
-        """Return exponentials of some channels without any mode."""
+        """Make exponentials without any mode.
+
+        Parameters
+        ----------
+        channels : int
+            Number of channels.
+
+        Returns
+        -------
+        Exponentials
+            No poles, and gains (channels, 0).
+        """
         return cls(poles=np.zeros(0, complex), gains=np.zeros((channels, 0), complex))
 
     @property
@@ -48,18 +59,46 @@ class Exponentials:
         return np.asarray(-self.poles.real, float)
 
     def of(self, modes: Index | Mask) -> Exponentials:
-        """Return the exponentials of some `modes`, numbers (K,) or a mask (M,)."""
+        """Select modes.
+
+        Parameters
+        ----------
+        modes : array (K,) of int, or (M,) of bool
+            Numbers of the modes, or a mask.
+
+        Returns
+        -------
+        Exponentials
+            The selected modes.
+        """
         return Exponentials(poles=self.poles[modes], gains=self.gains[:, modes])
 
     def joined(self, poles: AnyComplex) -> Exponentials:
-        """Return a copy with more `poles` (K,), 1/s, of gain 0."""
+        """Return a copy with more poles, whose gains are 0.
+
+        Parameters
+        ----------
+        poles : array (K,), complex
+            Further poles, 1/s.
+
+        Returns
+        -------
+        Exponentials
+            The extended copy.
+        """
         silent = np.zeros((len(self.gains), len(poles)), complex)
         return Exponentials(
             poles=np.concatenate((self.poles, poles)), gains=np.hstack((self.gains, silent))
         )
 
     def by_frequency(self) -> Exponentials:
-        """Return a copy in ascending order of frequency."""
+        """Return a copy in ascending order of frequency.
+
+        Returns
+        -------
+        Exponentials
+            The sorted copy.
+        """
         return self.of(np.argsort(self.poles.imag))
 
 

@@ -127,30 +127,89 @@ class Gains(ABC):
 
     @abstractmethod
     def changed(self, frequencies: Array, modes: Index, size: float, density: float) -> Gains:
-        """Return the gains of chosen `modes` (K,) of a body with other frequencies (K,), Hz.
+        """Compute the gains of chosen modes of a body with other frequencies, size or density.
 
-        `size` and `density` are ratios to the present ones.
+        Parameters
+        ----------
+        frequencies : array (K,)
+            Frequencies of the chosen modes, Hz.
+        modes : array (K,) of int
+            Numbers of the chosen modes.
+        size : float
+            Ratio of the new to the present size.
+        density : float
+            Ratio of the new to the present density.
+
+        Returns
+        -------
+        Gains
+            Gains of the changed body.
         """
 
     @abstractmethod
     def at(self, points: Array, directions: Array) -> Array:
-        """Return the drive of unit impulses at `points` (K, 3) along `directions`: (K, R, M)."""
+        """Compute the drive of unit impulses.
+
+        Parameters
+        ----------
+        points : array (K, D)
+            Contacts: points in body coordinates, m (D = 3), or coordinates of a recorded body.
+        directions : array (K, 3)
+            Unit directions of the pushes.
+
+        Returns
+        -------
+        array (K, R, M)
+            Drive of each product and mode.
+        """
 
     @abstractmethod
     def toward(self, listeners: Array) -> Complex:
-        """Return the output at `listeners` (L, 3), relative to the arrival time r/c: (L, R, M)."""
+        """Compute the output at listeners, relative to the arrival time r/c.
+
+        Parameters
+        ----------
+        listeners : array (L, 3)
+            Positions in body coordinates, m.
+
+        Returns
+        -------
+        array (L, R, M), complex
+            Output of each product and mode.
+        """
 
     def motion(self, points: Array) -> Array:
-        """Return how far each mode moves along A axes at `points` (K, D): (K, A, R, M)."""
+        """Compute the displacement of each mode along A axes.
+
+        Parameters
+        ----------
+        points : array (K, D)
+            Contacts: points in body coordinates, m (D = 3), or coordinates of a recorded body.
+
+        Returns
+        -------
+        array (K, A, R, M)
+            Displacements.
+        """
         return self.at(points, np.zeros((len(points), 3)))[:, None]
 
     def deconvolved(self, spectrum: Complex) -> Gains:
-        """Return the gains with a recorded blow divided out: its spectrum (M,) at each pole.
+        """Divide a recorded strike out of the gains.
+
+        Parameters
+        ----------
+        spectrum : array (M,), complex
+            Spectrum of the recorded strike at the pole of each mode.
+
+        Returns
+        -------
+        Gains
+            Gains for a force in N.
 
         Raises
         ------
         OptionError
-            Where no blow is part of the gains.
+            If the gains contain no strike.
         """
         del spectrum
         raise OptionError(f"{type(self).__name__} hold no recorded blow: leave blow= out")
@@ -191,7 +250,13 @@ class Gains(ABC):
         return None
 
     def expanded(self) -> Gains:
-        """Return the same as gains of R M modes with one product each, mode after mode of each."""
+        """Return the same gains as those of more modes with one product each.
+
+        Returns
+        -------
+        Gains
+            Gains of R M modes with one product each, mode by mode for each product.
+        """
         return self if self.rank == 1 else ExpandedGains(products=self)
 
 
@@ -326,16 +391,22 @@ class ShapeGains(Gains):
         Parameters
         ----------
         surface : Mesh
-            N points.
+            Surface with N points.
         shapes : array (N, 3, M)
             Mode shapes at the points, kg^(-1/2).
         frequencies : array (M,)
-            Hz.
+            Natural frequencies, Hz.
         centre : array (3,)
-            About which the body radiates, m.
+            Centre of the radiated sound, m.
         radiation : Radiation
+            Estimate that computes the outputs.
         formula : TransverseShapes, optional
-            The shapes in closed form, which contacts then use.
+            Mode shapes in closed form, which contacts then use.
+
+        Returns
+        -------
+        ShapeGains
+            The gains.
         """
         # Outputs are those of the shapes as they are stored: of a mode that radiates little,
         # rounding is most of the sum, and a copy or a file of the body must give the same again.
@@ -352,14 +423,43 @@ class ShapeGains(Gains):
         )
 
     def changed(self, frequencies: Array, modes: Index, size: float, density: float) -> ShapeGains:
-        """Return the gains of chosen `modes` of a body with other frequencies, size or density."""
+        """Compute the gains of chosen modes of a body with other frequencies, size or density.
+
+        Parameters
+        ----------
+        frequencies : array (K,)
+            Frequencies of the chosen modes, Hz.
+        modes : array (K,) of int
+            Numbers of the chosen modes.
+        size : float
+            Ratio of the new to the present size.
+        density : float
+            Ratio of the new to the present density.
+
+        Returns
+        -------
+        ShapeGains
+            Gains of the changed body.
+        """
         surface, shapes, centre, formula = self._moving(modes, size, density)
         return ShapeGains.radiating(surface, shapes, frequencies, centre, self.radiation, formula)
 
     def similar(self, size: float, density: float) -> ShapeGains:
-        """Return the gains of a body whose frequencies have gone with 1 / size alone.
+        """Compute the gains of a body whose frequencies have changed as 1 / size alone.
 
-        Of a radiation that is scalable; `size` and `density` are ratios to the present ones.
+        Only for an estimate of radiation that is scalable; both arguments are ratios.
+
+        Parameters
+        ----------
+        size : float
+            Ratio of the new to the present size.
+        density : float
+            Ratio of the new to the present density.
+
+        Returns
+        -------
+        ShapeGains
+            Gains of the changed body.
         """
         modes = np.arange(self.count)
         surface, shapes, centre, formula = self._moving(modes, size, density)
@@ -374,7 +474,20 @@ class ShapeGains(Gains):
         )
 
     def weighted(self, modes: Index, factors: Array) -> ShapeGains:
-        """Return the gains of some `modes` (K,), shapes and outputs each times `factors` (K,)."""
+        """Select modes, and multiply their shapes and outputs.
+
+        Parameters
+        ----------
+        modes : array (K,) of int
+            Numbers of the modes.
+        factors : array (K,)
+            Factor of shapes and of outputs.
+
+        Returns
+        -------
+        ShapeGains
+            Gains of the selected modes.
+        """
         formula = self.formula
         return replace(
             self,
@@ -422,9 +535,21 @@ class ShapeGains(Gains):
         return float(np.linalg.norm(self.surface.points - self.centre, axis=1).max())
 
     def at(self, points: Array, directions: Array, faces: Index | None = None) -> Array:
-        """Return the mode shapes at the nearest surface points along unit `directions`.
+        """Interpolate the mode shapes at the nearest surface points, along unit directions.
 
-        Where the faces (K,) that points lie on are known, they are not looked up.
+        Parameters
+        ----------
+        points : array (K, 3)
+            Points, m.
+        directions : array (K, 3)
+            Unit directions of the pushes.
+        faces : array (K,) of int, optional
+            Faces on which the points lie. Default: found by search.
+
+        Returns
+        -------
+        array (K, 1, M)
+            Drive of each mode, kg^-1/2.
         """
         pushes = np.reshape(directions, (-1, 3))
         if self.formula is not None:
@@ -436,11 +561,33 @@ class ShapeGains(Gains):
         return shapes_along(self.surface.points, self.shapes, corners, points, pushes)[:, None, :]
 
     def motion(self, points: Array) -> Array:
-        """Return the mode shapes at the nearest surface points along x, y and z: (K, 3, 1, M)."""
+        """Interpolate the mode shapes at the nearest surface points, along x, y and z.
+
+        Parameters
+        ----------
+        points : array (K, 3)
+            Points, m.
+
+        Returns
+        -------
+        array (K, 3, 1, M)
+            Mode shapes, kg^-1/2.
+        """
         return self.shapes_at(points)[:, :, None]
 
     def shapes_at(self, points: Array) -> Array:
-        """Return the mode shapes at the surface points nearest to `points`: (K, 3, M)."""
+        """Interpolate the mode shapes at the nearest surface points.
+
+        Parameters
+        ----------
+        points : array (K, 3)
+            Points, m.
+
+        Returns
+        -------
+        array (K, 3, M)
+            Mode shapes, kg^-1/2.
+        """
         if self.formula is not None:
             return self.formula.displacements(points)
         faces, weights = self.locator.barycentric(points)
@@ -448,9 +595,20 @@ class ShapeGains(Gains):
         return np.einsum("kc,kcdm->kdm", weights, self.shapes[corners].astype(np.float64))
 
     def toward(self, listeners: Array) -> Complex:
-        """Return outputs that fall as 1/r from the centre of mass, and are constant near it.
+        """Compute outputs that fall as 1/r from the centre of mass, and are constant near it.
 
-        Nearer than the ball of the same area, sound comes from all of the surface at once.
+        They are constant within the radius of the sphere of the same area, as the sound comes from
+        all of the surface at once.
+
+        Parameters
+        ----------
+        listeners : array (L, 3)
+            Positions in body coordinates, m.
+
+        Returns
+        -------
+        array (L, 1, M), complex
+            Output of each mode.
         """
         distances = self._distances(in_space(listeners))
         nearest = min(self.surface.reach, self.radius)

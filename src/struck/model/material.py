@@ -23,23 +23,32 @@ class Material:
 
     Parameters
     ----------
-    name : str
-        What people call it.
+    name : str, default "custom"
+        Name of the material.
     density : float
-        kg/m^3.
+        Density, kg/m^3.
     youngs_modulus : float
-        Pa.
+        Young's modulus, Pa.
     poisson_ratio : float
-        Above -1 and below 0.5.
-    damping : Damping
-        The losses; the material's own unless a set "as heard" was chosen.
-    source : str
-        Where the constants come from.
+        Poisson's ratio, above -1 and below 0.5.
+    damping : Damping, optional
+        Damping law. Default: no losses.
+    source : str, default ""
+        Source of the constants.
 
     Raises
     ------
     MaterialError
-        On constants no stable solid can have.
+        If no stable solid has these constants.
+
+    Examples
+    --------
+    >>> steel = struck.Material.named("steel")
+    >>> steel.density, steel.poisson_ratio
+    (7850.0, 0.29)
+    >>> lossy = steel.damped(struck.InternalFriction(loss_tangent=0.01))
+    >>> round(float(lossy.damping.decays(1000.0)), 2)
+    31.42
     """
 
     name: str = "custom"
@@ -77,14 +86,30 @@ class Material:
     def from_lame(
         cls, *, first: float, shear: float, density: float, damping: Damping, name: str = "custom"
     ) -> Material:
-        """Make a material from Lame's constants, Pa (lambda and mu of 2002, Table 1).
+        """Make a material from Lame's constants (lambda and mu of 2002, Table 1).
 
-        `first` is lambda and `shear` mu; `density`, kg/m^3, `damping` and `name` as in the class.
+        Parameters
+        ----------
+        first : float
+            First constant, lambda, Pa.
+        shear : float
+            Second constant, the shear modulus mu, Pa.
+        density : float
+            Density, kg/m^3.
+        damping : Damping
+            Damping law.
+        name : str, default "custom"
+            Name of the material.
+
+        Returns
+        -------
+        Material
+            The material with the same elasticity.
 
         Raises
         ------
         MaterialError
-            When the two do not make a solid that resists both shear and compression.
+            If the two do not make a solid that resists both shear and compression.
         """
         if not (shear > 0 and 3 * first + 2 * shear > 0):
             raise MaterialError(
@@ -102,7 +127,7 @@ class Material:
     @classmethod
     @checked
     def named(cls, name: str, damping: str = "own") -> Material:
-        """Look a material up.
+        """Look up a material by name.
 
         Parameters
         ----------
@@ -112,6 +137,11 @@ class Material:
             "own" for the material's own losses, "heard" for the Rayleigh set that graphics
             research tuned by ear, mounting and radiation included; "heard_bowl" for that of a
             bowl of aluminium (O'Brien et al. 2002, bowl 1).
+
+        Returns
+        -------
+        Material
+            The material.
 
         Raises
         ------
@@ -125,12 +155,25 @@ class Material:
 
     @classmethod
     def of(cls, material: Material | str, damping: str = "own") -> Material:
-        """Return a material, or the one of that name with the `damping` asked for.
+        """Return a material, or look it up by name.
+
+        Parameters
+        ----------
+        material : Material or str
+            A material, which is returned as it is, or a name.
+        damping : str, default "own"
+            Set of damping constants of a material that is given by name, as for `named`.
+
+        Returns
+        -------
+        Material
+            The material.
 
         Raises
         ------
         MaterialError
-            As `named`; or when damping is asked for of a material that has its own law.
+            If the name is unknown, has no such damping, or `damping` is not "own" for a material
+            that is not given by name.
         """
         if isinstance(material, str):
             return cls.named(material, damping)
@@ -159,7 +202,18 @@ class Material:
 
     @checked
     def damped(self, damping: Damping) -> Material:
-        """Return a copy with another law of `damping`."""
+        """Return a copy with another damping law.
+
+        Parameters
+        ----------
+        damping : Damping
+            The new law.
+
+        Returns
+        -------
+        Material
+            The copy.
+        """
         return replace(self, damping=damping)
 
     @property

@@ -31,14 +31,22 @@ class Mesh:
     points : array (V, 3)
         Vertices, m.
     faces : array (F, 3)
-        Vertex indices, counter-clockwise seen from outside.
-    up : str
-        The axis that points up, ``"x"``, ``"y"`` or ``"z"``: it says where "top" and "bottom" are.
+        Vertex indices of each triangle, counter-clockwise seen from outside.
+    up : {"x", "y", "z"}, default "z"
+        Axis that points up. It defines the contacts "top" and "bottom".
 
     Raises
     ------
     MeshError
-        On points that are not finite, indices out of range, or no faces.
+        If points are not finite, indices are out of range, or there are no faces.
+
+    Examples
+    --------
+    >>> points = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]], dtype=float)
+    >>> faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    >>> tetrahedron = struck.Mesh(points=points, faces=faces)
+    >>> tetrahedron.areas.round(4)
+    array([0.005 , 0.005 , 0.005 , 0.0087])
     """
 
     points: Array
@@ -108,7 +116,20 @@ class Mesh:
         return means.reshape(-1, 3, 3)
 
     def normals_at(self, faces: Index, points: Array) -> Array:
-        """Return outward unit normals (K, 3) at points (K, 3) of faces (K,), smooth as corners'."""
+        """Interpolate the outward unit normals at points of the surface.
+
+        Parameters
+        ----------
+        faces : array (K,) of int
+            Face on which each point lies.
+        points : array (K, 3)
+            Points, m.
+
+        Returns
+        -------
+        array (K, 3)
+            Unit normals, interpolated between the corners of curved faces.
+        """
         flat, corners = self.face_normals[faces], self.corner_normals[faces]
         weights = barycentric(self.points[self.faces[faces]], points)
         smooth = np.einsum("kc,kcd->kd", weights, corners)
@@ -170,9 +191,19 @@ class Mesh:
         return float(np.ptp(self.bounds, axis=0).max())
 
     def spread(self, count: int) -> tuple[Array, Array]:
-        """Return places all over the surface, m (S, 3), with the area vector of each, m^2 (S, 3).
+        """Distribute points evenly over the surface.
 
-        About `count` of them are as dense everywhere; each face has one at least.
+        Each face with an area has at least one.
+
+        Parameters
+        ----------
+        count : int
+            Approximate number of points.
+
+        Returns
+        -------
+        tuple of array (S, 3), array (S, 3)
+            Points, m, and the area vector of each, m^2.
         """
         sides = np.ceil(np.sqrt(count * self.areas / self.areas.sum())).astype(int)
         places, vectors = [], []
@@ -189,7 +220,18 @@ class Mesh:
 
     @checked
     def scaled(self, factor: float) -> Mesh:
-        """Return a copy `factor` times as large about the origin."""
+        """Return a copy scaled about the origin.
+
+        Parameters
+        ----------
+        factor : float
+            Ratio of the new to the old size.
+
+        Returns
+        -------
+        Mesh
+            The scaled surface.
+        """
         return Mesh(points=self.points * factor, faces=self.faces, up=self.up)
 
 

@@ -68,14 +68,27 @@ class ModalModel:
         Amplitude decay rates, 1/s.
     gains : Gains
         Drive over contacts and output over listeners.
-    material, mass, centre, inertia, geometry
-        None where unknown, as for recordings; kg, m and kg m^2.
-    supported, tensioned : bool
-        Whether it is held somewhere; whether tension, not its stiffness, drives it back.
+    material : Material or None, default None
+        Material; None if unknown, as for recordings.
+    mass : float or None, default None
+        Mass, kg; None if unknown.
+    centre : array (3,) or None, default None
+        Centre of mass, or the acoustic centre of recordings, m; None if unknown.
+    inertia : array (3, 3) or None, default None
+        Moments of inertia about `centre`, kg m^2; None if unknown.
+    geometry : Mesh or None, default None
+        Surface; None if unknown.
+    supported : bool, default False
+        Whether the body is clamped or supported somewhere.
+    tensioned : bool, default False
+        Whether tension, not its stiffness, is the restoring force.
     complete_to : float
         No mode below this frequency is missing, Hz.
-    poisson_slopes, errors : array (M,) or None
-        As in `Modes`.
+    poisson_slopes : array (M,) or None, default None
+        d ln f / d(Poisson's ratio), as in `Modes`.
+    errors : array (M,) or None, default None
+        Relative error of each frequency: of the discretisation, as in `Modes`, or the standard
+        error of a fit.
     places : mapping
         Contacts by name, m, each (3,).
     playing_place : str or None
@@ -86,14 +99,30 @@ class ModalModel:
     chart : Chart or None
         Where the contact coordinates of recordings lie, m; known by itself where all name a unit
         of length, else None until `charted` tells.
-    residual, recoil, provenance
-        What recordings, and free computed bodies, have beside their modes; method, versions, what
-        was dropped, references.
+    residual : Residual or None, default None
+        Attack and noise of the recorded hit.
+    recoil : Recoil or None, default None
+        Sound of the acceleration of a free body as a whole.
+    provenance : Provenance, optional
+        Method, versions, references, and what was left out.
 
     Notes
     -----
     p(t) = sum_n Im[g_n exp((-d_n + 2 pi i f_n) t)] answers a unit impulse, by gains g, decays d and
     frequencies f.
+
+    Examples
+    --------
+    >>> bar = struck.shapes.Bar(length=0.3, width=0.03, thickness=0.005)
+    >>> model = struck.analyze(bar, "steel", progress=None)
+    >>> model.frequencies[:3].round(1)
+    array([ 288. ,  792.3, 1549. ])
+    >>> model.t60[:2].round(1)
+    array([38.2, 13.9])
+    >>> model.contact("end").point.round(3)
+    array([0.297, 0.   , 0.002])
+    >>> model.made_of("aluminium").frequencies[:3].round(1)
+    array([ 294.6,  810.5, 1584.5])
     """
 
     frequencies: Array
@@ -137,8 +166,27 @@ class ModalModel:
     ) -> ModalModel:
         """Make a model of undamped modes.
 
-        The material's damping gives the decays, `radiation` the outputs; modes below `lowest` Hz
-        are dropped and counted; `places` are contacts (3,) by name, m, the `playing_place` one.
+        Modes below the lowest frequency are removed and counted.
+
+        Parameters
+        ----------
+        modes : Modes
+            Undamped modes.
+        material : Material
+            Material, whose damping gives the decay rates.
+        radiation : Radiation
+            Estimate of the radiated sound, which gives the outputs.
+        lowest : float, default 20.0
+            Lowest frequency, Hz.
+        places : mapping of str to array (3,), optional
+            Contacts by name, m.
+        playing_place : str, optional
+            Name of the default contact.
+
+        Returns
+        -------
+        ModalModel
+            The damped model.
         """
         indices = np.flatnonzero(modes.frequencies >= lowest)
         dropped_count = len(modes.frequencies) - len(indices)
@@ -211,6 +259,11 @@ class ModalModel:
         direction : array (3,), optional
             Of the push; the inward normal unless given.
 
+        Returns
+        -------
+        Contact
+            Point, direction and outward normal of the contact.
+
         Raises
         ------
         ContactError
@@ -238,10 +291,20 @@ class ModalModel:
     def contacts(
         self, points: Array, directions: Array | None = None
     ) -> tuple[Array, Array, Array, Index | None]:
-        """Return contacts at `points` (K, D), found as by `contact`, pushed in `directions`.
+        """Find several contacts, as by `contact`.
 
-        They are points (K, D), unit pushes and normals (K, 3), and the faces (K,) that they lie on,
-        None where there are none.
+        Parameters
+        ----------
+        points : array (K, D)
+            Points, m, or contact coordinates of a recorded body.
+        directions : array (K, 3), optional
+            Directions of the pushes. Default: the inward normals.
+
+        Returns
+        -------
+        tuple of array (K, D), array (K, 3), array (K, 3), array (K,) or None
+            Nearest points, unit directions of the pushes, outward normals, and the faces on which
+            the points lie; None without a surface.
 
         Raises
         ------
@@ -261,9 +324,20 @@ class ModalModel:
 
     @checked
     def damped(self, damping: Damping) -> ModalModel:
-        """Return a copy with other `damping`; overdamped modes are dropped and counted.
+        """Return a copy with another damping law.
 
-        The noise of a residual decays by the law, too; its attack stays.
+        Overdamped modes are removed and counted. The noise of a residual decays by the new law; its
+        attack stays.
+
+        Parameters
+        ----------
+        damping : Damping
+            The new law.
+
+        Returns
+        -------
+        ModalModel
+            The copy.
         """
         rates = damping.decays(self.natural_frequencies)
         indices = np.flatnonzero(rates < 2 * np.pi * self.natural_frequencies)
@@ -291,24 +365,46 @@ class ModalModel:
 
     @checked
     def scaled(self, factor: float) -> ModalModel:
-        """Return the same body `factor` times as large: frequencies fall as 1/factor.
+        """Compute the model of the same body in another size.
+
+        Frequencies are divided by the factor.
+
+        Parameters
+        ----------
+        factor : float
+            Ratio of the new to the old size.
+
+        Returns
+        -------
+        ModalModel
+            The model of the other size.
 
         Raises
         ------
         OptionError
-            When the factor does not exceed 0.
+            If the factor is below 1e-9 or above 1e9.
         """
         require_number("factor", factor, 1e-9, 1e9, hint="a size must exceed 1e-9")
         return self._remade(self._stiffness(factor), self.material, size=factor)
 
     @checked
     def tuned(self, *, lowest: float | str) -> ModalModel:
-        """Return a copy of such a size that its lowest mode rings at `lowest`, Hz, or "A5".
+        """Scale the body so that its lowest mode has a given frequency.
+
+        Parameters
+        ----------
+        lowest : float or str
+            Ringing frequency of the lowest mode, Hz, or a note such as "A5".
+
+        Returns
+        -------
+        ModalModel
+            The model of the other size.
 
         Raises
         ------
         MaterialError
-            When none of its modes can ring that low, or it has none.
+            If no mode can ring that low, or the model has no modes.
         """
         if not len(self.decays):
             raise MaterialError("the body has no modes to tune: lower its damping")
@@ -317,16 +413,28 @@ class ModalModel:
 
     @checked
     def made_of(self, material: Material | str, *, field: bool = False) -> ModalModel:
-        """Return the same body of another isotropic material; its timbre field anew on demand.
+        """Compute the model of the same body of another isotropic material.
 
-        With the same Poisson's ratio exactly (2002, section 3.3); with another to first order in
-        the shapes: `errors` grows by what that may cost, `complete_to` falls as far as a mode
-        from beyond it can have come down.
+        The result is exact for the same Poisson's ratio (2002, section 3.3), and of first order in
+        the shapes for another: `errors` grows by the estimated effect, and `complete_to` falls by
+        as much as a mode from above it may have come down.
+
+        Parameters
+        ----------
+        material : Material or str
+            The new material.
+        field : bool, default False
+            Compute the timbre field again by boundary elements.
+
+        Returns
+        -------
+        ModalModel
+            The model of the other material.
 
         Raises
         ------
         MaterialError
-            When the material is unknown, or the model has none to start from.
+            If the material is unknown, or the model has none to start from.
         """
         new_material = Material.of(material)
         if self.material is None:
@@ -364,6 +472,11 @@ class ModalModel:
             keep them in the cache.
         progress : callable
             Told the stage and the fraction of it that is done.
+
+        Returns
+        -------
+        ModalModel
+            The copy with the timbre field.
 
         Raises
         ------
@@ -419,6 +532,11 @@ class ModalModel:
             Surface of a round body, in m, about the z axis through its centre: the first
             coordinate times its pitch is the height z. An azimuth then needs no pitch.
 
+        Returns
+        -------
+        ModalModel
+            The model with its `chart`.
+
         Raises
         ------
         OptionError
@@ -445,7 +563,13 @@ class ModalModel:
         return replace(self, chart=chart)
 
     def expanded(self) -> ModalModel:
-        """Return the model with a mode for each product of its gains, as resonators need them."""
+        """Return the model with a mode for each product of its gains, as resonators need them.
+
+        Returns
+        -------
+        ModalModel
+            R M modes for gains that are sums of R products; the model itself for R = 1.
+        """
         if self.gains.rank == 1:
             return self
         rank, details = self.gains.rank, dict(self.provenance.details)
@@ -463,7 +587,13 @@ class ModalModel:
         )
 
     def cite(self) -> str:
-        """Return the papers behind this model, one a line."""
+        """List the papers behind this model.
+
+        Returns
+        -------
+        str
+            One reference per line.
+        """
         return self.provenance.cite()
 
     def __repr__(self) -> str:

@@ -55,7 +55,22 @@ class Provenance:
     def extended(
         self, *, references: tuple[str, ...] = (), dropped: tuple[str, ...] = (), **details: object
     ) -> Provenance:
-        """Return a copy with more references (each once), `dropped` losses and details."""
+        """Return a copy with more references, losses and details.
+
+        Parameters
+        ----------
+        references : tuple of str, optional
+            Keys of references; known ones are not repeated.
+        dropped : tuple of str, optional
+            Sentences on what was left out.
+        **details : object
+            Further details by name.
+
+        Returns
+        -------
+        Provenance
+            The copy.
+        """
         new_references = tuple(key for key in references if key not in self.references)
         return replace(
             self,
@@ -65,7 +80,13 @@ class Provenance:
         )
 
     def cite(self) -> str:
-        """Return the papers behind this result, one a line."""
+        """List the papers behind this result.
+
+        Returns
+        -------
+        str
+            One reference per line.
+        """
         return "\n".join(bibliography()[key] for key in self.references)
 
 

@@ -76,7 +76,18 @@ class Residual:
             )
 
     def damped(self, damping: Damping) -> Residual:
-        """Return a copy whose noise decays by another law of `damping`; its attack stays."""
+        """Return a copy whose noise decays by another law; its attack stays.
+
+        Parameters
+        ----------
+        damping : Damping
+            The new law.
+
+        Returns
+        -------
+        Residual
+            The copy.
+        """
         decays = damping.decays(np.sqrt(self.edges[1:] * np.maximum(self.edges[:-1], 1.0)))
         return replace(self, decays=np.maximum(decays, _SLOWEST))
 
@@ -86,14 +97,19 @@ class Residual:
         return sum(array.nbytes for array in (self.attack, self.edges, self.levels, self.decays))
 
     def samples(self, sample_rate: int, seed: int = 0) -> Array:
-        """Return the residual sound (n,), from `lead` before the onset of the modes on, read-only.
+        """Compute the residual sound.
 
         Parameters
         ----------
         sample_rate : int
-            Hz.
-        seed : int
-            Of the noise.
+            Sample rate, Hz.
+        seed : int, default 0
+            Seed of the noise.
+
+        Returns
+        -------
+        array (n,)
+            Read-only samples, from `lead` before the onset of the modes.
         """
         return _sound(self, sample_rate, seed)
 

@@ -110,18 +110,31 @@ class Survey:
         symmetry: str = "none",
         calibrated: bool = False,
     ) -> Survey:
-        """Make a survey of every contact heard by every listener.
+        """Make a survey of all contacts with all listeners.
 
         Parameters
         ----------
-        contacts, listeners : array (P, D), (Q, 3)
-            Coordinates as in the class, and places, m.
-        gains, errors : array (P, Q, M)
-            With their standard errors.
+        contacts : array (P, D)
+            Contact coordinates, as in the class.
+        listeners : array (Q, 3)
+            Positions, m.
+        gains : array (P, Q, M), complex
+            Gains, as in the class.
         frequencies : array (M,)
-            Hz.
-        centre, symmetry, calibrated
-            As in the class.
+            Ringing frequencies, Hz.
+        errors : array (P, Q, M), optional
+            Standard errors of the gains. Default: equal ones.
+        centre : array (3,), optional
+            Acoustic centre, m. Default: the origin.
+        symmetry : {"none", "axial"}, default "none"
+            Symmetry, as in the class.
+        calibrated : bool, default False
+            Whether gains are in Pa/(N s).
+
+        Returns
+        -------
+        Survey
+            The survey, with P Q pairs.
 
         Raises
         ------
@@ -154,10 +167,15 @@ class Survey:
         return self.symmetry == "axial" and self.contacts.shape[1] == 2
 
     def folded(self) -> Survey:
-        """Return the survey with places that symmetry makes the same, or that are, as one.
+        """Merge contacts and listeners that are equal, or equivalent by symmetry.
 
         With axial symmetry contacts keep their height alone, and listeners stand at the azimuth
         from their contact, from 0 to pi.
+
+        Returns
+        -------
+        Survey
+            The survey with fewer contacts and listeners.
         """
         contacts, places, pairs = self.contacts, self.places, self.pairs
         if self.turns:

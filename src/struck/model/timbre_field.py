@@ -354,21 +354,25 @@ class TimbreField(RecordedGains):
     Parameters
     ----------
     contact_part : ContactPart
+        Drives over contacts.
     listener_part : ListenerPart
+        Outputs over listeners.
     centre : array (3,)
-        Where the sound seems to come from, body coordinates, m.
+        Acoustic centre in body coordinates, m.
     radius : float
-        Of the ball about it that holds the body, m; 0 where it is not known.
+        Radius of a sphere about it that encloses the body, m; 0 if unknown.
     rank_errors : array (M,)
         How far gains are from a product, relative; NaN where that was not measured.
     unmeasured : array of int
         Modes of which a part is little known, as where the contact that most listeners heard has
-        a node, or where listeners are too few for a pattern. Those below the noise
-        radiate equally in all directions, as loud as where they were recorded best.
+        a node, or where listeners are too few for a pattern. Those that drown in noise are heard
+        alike from all sides, as loud as where they were recorded best.
     notes : tuple of str
         What a person should know: which modes are unmeasured, and the way out.
-    is_calibrated, is_deconvolved : bool
-        Whether gains are Pa/(N s), not relative; whether the blow was divided out.
+    is_calibrated : bool
+        Whether gains are in Pa/(N s).
+    is_deconvolved : bool, default False
+        Whether the recorded strike was divided out.
     """
 
     __repr__ = brief
@@ -392,23 +396,31 @@ class TimbreField(RecordedGains):
         worst: float = WORST,
         object_modes: Mask | None = None,
     ) -> TimbreField:
-        """Make the timbre field of a survey.
+        """Estimate the timbre field of a survey.
 
         Parameters
         ----------
         survey : Survey
-        radius : float
-            Of a ball about the centre around the body, m: listeners in it are inside, and where
-            none was recorded, none may be placed.
-        worst : float
-            Error of a part, over its root mean square, from which a mode is not measured.
-        object_modes : array (M,) of bool, optional
-            The modes of the object, to which the notes are limited. Default: all modes.
+            Gains between contacts and listeners.
+        radius : float, default 0.0
+            Radius of a sphere about the centre that encloses the body, m. Listeners within it are
+            inside the body; if none was recorded there, none may be placed there.
+        worst : float, default 0.1
+            Error of a part, relative to its root mean square, above which a mode counts as not
+            measured.
+        own : array (M,) of bool, optional
+            Modes of the object, to which the notes are limited. Default: all.
+
+        Returns
+        -------
+        TimbreField
+            The field.
 
         Raises
         ------
         OptionError
-            When recordings share neither contact nor listener, or no listener is outside.
+            If recordings have neither a contact nor a listener in common, or no listener is outside
+            the body.
         """
         folded = survey.folded()
         parts = Separation.of(folded)
@@ -475,12 +487,24 @@ class TimbreField(RecordedGains):
         return self.listener_part.rank
 
     def at(self, points: Array, directions: Array) -> Array:
-        """Return drives at contact coordinates (K, D): (K, R, M). Directions do not matter.
+        """Interpolate the drives.
+
+        Parameters
+        ----------
+        points : array (K, D)
+            Contact coordinates.
+        directions : array (K, 3)
+            Has no effect.
+
+        Returns
+        -------
+        array (K, R, M)
+            Drive of each product and mode.
 
         Raises
         ------
         ContactError
-            At coordinates outside of what was recorded.
+            If the number of coordinates is wrong, or they are outside the recorded range.
         """
         del directions
         places = np.atleast_2d(np.asarray(points, np.float64))
@@ -497,12 +521,22 @@ class TimbreField(RecordedGains):
         )
 
     def toward(self, listeners: Array) -> Complex:
-        """Return outputs at listeners (L, 3), relative to the arrival time r/c: (L, R, M).
+        """Interpolate the outputs, relative to the arrival time r/c.
+
+        Parameters
+        ----------
+        listeners : array (L, 3)
+            Positions in body coordinates, m.
+
+        Returns
+        -------
+        array (L, R, M), complex
+            Output of each product and mode.
 
         Raises
         ------
         ContactError
-            Inside the body, unless something was recorded there.
+            If a listener is inside the body, where nothing was recorded.
         """
         places = np.atleast_2d(np.asarray(listeners, np.float64)) - self.centre
         distances = np.linalg.norm(places, axis=1)
@@ -514,16 +548,43 @@ class TimbreField(RecordedGains):
         return self.listener_part.at(places)
 
     def deconvolved(self, spectrum: Complex) -> TimbreField:
-        """Return the gains with a blow of this spectrum (M,) divided out."""
+        """Divide a recorded strike out of the gains.
+
+        Parameters
+        ----------
+        spectrum : array (M,), complex
+            Spectrum of the recorded strike at the pole of each mode.
+
+        Returns
+        -------
+        TimbreField
+            Gains for a force in N.
+        """
         part = self.listener_part.chosen(np.arange(self.count), 1.0, 1 / spectrum)
         return replace(self, listener_part=part, is_deconvolved=True)
 
     def changed(self, frequencies: Array, modes: Index, size: float, density: float) -> TimbreField:
-        """Return the gains of chosen `modes` of a body with other frequencies, size or density.
+        """Compute the gains of chosen modes of a body with other frequencies, size or density.
 
         Shapes go with (density size^3)^(-1/2) where a body is pushed and where it radiates;
         directions with the distance over the size, as frequencies do. Contact coordinates stay as
         they are.
+
+        Parameters
+        ----------
+        frequencies : array (K,)
+            Has no effect.
+        modes : array (K,) of int
+            Numbers of the chosen modes.
+        size : float
+            Ratio of the new to the present size.
+        density : float
+            Ratio of the new to the present density.
+
+        Returns
+        -------
+        TimbreField
+            Gains of the changed body.
         """
         del frequencies
         factor = (density * size**3) ** -0.5

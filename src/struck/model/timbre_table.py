@@ -80,21 +80,21 @@ def combinations(axes: tuple[GridAxis, ...]) -> Array:
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SinglePoint(RecordedGains):
-    """Gains of a body struck at one place and recorded at one, equal in all directions.
+    """Gains of a body struck at one place and heard from one, alike in all directions.
 
-    Every requested contact is the recorded one. Where the microphone stood is not known:
+    Whatever contact is asked for, it is the recorded one. Where the microphone stood is not known:
     it counts as 1 m from the centre, from where sound falls as 1/r.
 
     Parameters
     ----------
     outputs : array (M,), complex
-        As recorded, relative to the sound's arrival.
-    centre : array (3,)
-        Where the sound seems to come from, body coordinates, m.
-    is_calibrated : bool
-        Whether outputs are Pa/(N s), not relative.
-    is_deconvolved : bool
-        Whether the blow of the recording was divided out.
+        Recorded outputs, relative to the arrival of the sound.
+    centre : array (3,), optional
+        Acoustic centre in body coordinates, m. Default: the origin.
+    is_calibrated : bool, default False
+        Whether outputs are in Pa/(N s).
+    is_deconvolved : bool, default False
+        Whether the recorded strike was divided out.
     """
 
     outputs: Complex
@@ -103,7 +103,18 @@ class SinglePoint(RecordedGains):
     is_deconvolved: bool = False
 
     def deconvolved(self, spectrum: Complex) -> SinglePoint:
-        """Return the gains with a blow of this spectrum (M,) divided out."""
+        """Divide a recorded strike out of the gains.
+
+        Parameters
+        ----------
+        spectrum : array (M,), complex
+            Spectrum of the recorded strike at the pole of each mode.
+
+        Returns
+        -------
+        SinglePoint
+            Gains for a force in N.
+        """
         return replace(self, outputs=self.outputs / spectrum, is_deconvolved=True)
 
     @property
@@ -112,17 +123,40 @@ class SinglePoint(RecordedGains):
         return len(self.outputs)
 
     def at(self, points: Array, directions: Array) -> Array:
-        """Return 1 for contacts (K, D) with any number of coordinates: (K, 1, M)."""
+        """Return the drive 1 for any contact.
+
+        Parameters
+        ----------
+        points : array (K, D)
+            Contacts.
+        directions : array (K, 3)
+            Has no effect.
+
+        Returns
+        -------
+        array (K, 1, M)
+            Ones.
+        """
         del directions
         return np.ones((len(np.atleast_2d(points)), 1, len(self.outputs)))
 
     def toward(self, listeners: Array) -> Complex:
-        """Return outputs that fall as 1/r at listeners (L, 3), without the delay r/c: (L, 1, M).
+        """Compute outputs that fall as 1/r, without the delay r/c.
+
+        Parameters
+        ----------
+        listeners : array (L, 3)
+            Positions in body coordinates, m.
+
+        Returns
+        -------
+        array (L, 1, M), complex
+            Output of each mode.
 
         Raises
         ------
         ContactError
-            At the centre itself.
+            If a listener is at the centre.
         """
         places = np.atleast_2d(np.asarray(listeners, np.float64))
         distances = np.linalg.norm(places - self.centre, axis=1)
@@ -134,10 +168,26 @@ class SinglePoint(RecordedGains):
         return self.outputs / distances[:, None, None]
 
     def changed(self, frequencies: Array, modes: Index, size: float, density: float) -> SinglePoint:
-        """Return the gains of chosen `modes` of a body with other frequencies, size or density.
+        """Compute the gains of chosen modes of a body with other frequencies, size or density.
 
-        Shapes go with (density size^3)^(-1/2) where a body is pushed and where it radiates; the
-        pressure at 1 m is that at `size` m.
+        Shapes go with (density size^3)^(-1/2) where a body is pushed and where it radiates; what
+        was heard at 1 m is heard at `size` m.
+
+        Parameters
+        ----------
+        frequencies : array (K,)
+            Has no effect.
+        modes : array (K,) of int
+            Numbers of the chosen modes.
+        size : float
+            Ratio of the new to the present size.
+        density : float
+            Ratio of the new to the present density.
+
+        Returns
+        -------
+        SinglePoint
+            Gains of the changed body.
         """
         del frequencies
         return replace(
@@ -175,8 +225,10 @@ class TimbreTable(RecordedGains):
         Body coordinates, m.
     size : float
         How many times larger the body has become.
-    is_calibrated, is_deconvolved : bool
-        As in `SinglePoint`.
+    is_calibrated : bool, default False
+        Whether gains are in Pa/(N s).
+    is_deconvolved : bool, default False
+        Whether the recorded strike was divided out.
     """
 
     __repr__ = brief
@@ -192,15 +244,27 @@ class TimbreTable(RecordedGains):
 
     @classmethod
     def of(cls, survey: Survey, *, system: str = "spherical") -> TimbreTable:
-        """Make the timbre table of a survey in a coordinate `system`, "spherical" or "cartesian".
+        """Make the timbre table of a survey.
 
-        At a distance with a single listener the gains are equal in all directions, as at a point
-        inside the body.
+        A distance at which there is only one listener is equal in all directions, as a point inside
+        the body.
+
+        Parameters
+        ----------
+        survey : Survey
+            Gains of all contacts with all listeners.
+        system : {"spherical", "cartesian"}, default "spherical"
+            Coordinates of the grid of listeners.
+
+        Returns
+        -------
+        TimbreTable
+            The table.
 
         Raises
         ------
         OptionError
-            When contacts or listeners form no grid, or pairs are missing.
+            If contacts or listeners form no grid, or pairs are missing.
         """
         require_choice("system", system, SYSTEMS)
         folded = survey.folded()
@@ -252,24 +316,46 @@ class TimbreTable(RecordedGains):
         return len(self.gains)
 
     def at(self, points: Array, directions: Array) -> Array:
-        """Return the weights of contacts at coordinates (K, D): (K, P, M).
+        """Compute the interpolation weights of the contacts.
+
+        Parameters
+        ----------
+        points : array (K, D)
+            Contact coordinates.
+        directions : array (K, 3)
+            Has no effect.
+
+        Returns
+        -------
+        array (K, P, M)
+            Weight of each recorded contact.
 
         Raises
         ------
         ContactError
-            When the number of coordinates is wrong, or they lie outside of what was recorded.
+            If the number of coordinates is wrong, or they are outside the recorded range.
         """
         del directions
         weights = self._weights(points)
         return np.broadcast_to(weights[:, :, None], (*weights.shape, self.gains.shape[2]))
 
     def motion(self, points: Array) -> Array:
-        """Return the factor of gains at `points` (K, D) that depends on the contact alone.
+        """Compute the factor of the gains that depends on the contact alone.
 
         The result (K, 1, R, M) is the same for all R products of a mode.
 
         Gains (P, Q) of a mode come nearest to a product of real drives (P,) and outputs (Q,) where
         the drives are the leading eigenvector of Re(G G*).
+
+        Parameters
+        ----------
+        points : array (K, D)
+            Contact coordinates.
+
+        Returns
+        -------
+        array (K, 1, R, M)
+            Factor, the same for all R products of a mode.
         """
         products = np.einsum("pqm,rqm->mpr", self.gains, self.gains.conj()).real
         drives = np.linalg.eigh(products)[1][:, :, -1]
@@ -280,7 +366,18 @@ class TimbreTable(RecordedGains):
         )
 
     def deconvolved(self, spectrum: Complex) -> TimbreTable:
-        """Return the gains with a blow of this spectrum (M,) divided out."""
+        """Divide a recorded strike out of the gains.
+
+        Parameters
+        ----------
+        spectrum : array (M,), complex
+            Spectrum of the recorded strike at the pole of each mode.
+
+        Returns
+        -------
+        TimbreTable
+            Gains for a force in N.
+        """
         return replace(self, gains=self.gains / spectrum, is_deconvolved=True)
 
     def _weights(self, points: Array) -> Array:
@@ -295,7 +392,18 @@ class TimbreTable(RecordedGains):
         return self.contacts.weights(places)
 
     def toward(self, listeners: Array) -> Complex:
-        """Return gains at listeners (L, 3), relative to the arrival time r/c: (L, P, M)."""
+        """Interpolate the gains, relative to the arrival time r/c.
+
+        Parameters
+        ----------
+        listeners : array (L, 3)
+            Positions in body coordinates, m.
+
+        Returns
+        -------
+        array (L, P, M), complex
+            Gain from each recorded contact.
+        """
         places = np.atleast_2d(np.asarray(listeners, np.float64)) / self.size - self.centre
         coordinates = _coordinates(places, self.system, mirrored=self.mirrored)
         lowest = [axis.nodes[0] for axis in self.listeners.axes]
@@ -308,7 +416,24 @@ class TimbreTable(RecordedGains):
         return np.einsum("lq,pqm->lpm", weights, self.gains)
 
     def changed(self, frequencies: Array, modes: Index, size: float, density: float) -> TimbreTable:
-        """Return the gains of chosen `modes` of a body with other frequencies, size or density."""
+        """Compute the gains of chosen modes of a body with other frequencies, size or density.
+
+        Parameters
+        ----------
+        frequencies : array (K,)
+            Has no effect.
+        modes : array (K,) of int
+            Numbers of the chosen modes.
+        size : float
+            Ratio of the new to the present size.
+        density : float
+            Ratio of the new to the present density.
+
+        Returns
+        -------
+        TimbreTable
+            Gains of the changed body.
+        """
         del frequencies
         gains = self.gains[:, :, modes] / (density * size**3)
         return replace(self, gains=gains, size=self.size * size)

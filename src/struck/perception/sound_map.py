@@ -46,42 +46,57 @@ _WIDTH_FRACTION, _MAX_FLATNESS = 0.7, 100.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SoundMap:
-    """Stored contacts, and which of them sounds, how loudly, wherever a body is struck.
+    """Stored contacts of a body, and the parts of its surface that each represents.
 
-    The surface is cut into triangles, finer where the timbre changes faster. Each takes the timbre
-    of one stored contact, at a level that goes with the amplitude from corner to corner.
+    The surface is cut into triangles, which are smaller where the timbre changes faster. Each has
+    the timbre of one stored contact, at a level that is interpolated between its corners.
 
     Parameters
     ----------
-    frequencies, decays : array (M,)
-        Of the modes, Hz and 1/s.
-    contacts, directions : array (K, 3)
-        Where bodies were struck, m, and which way: straight into the surface.
+    frequencies : array (M,)
+        Frequencies of the modes, Hz.
+    decays : array (M,)
+        Decay rates of the modes, 1/s.
+    contacts : array (K, 3)
+        Stored contacts, m.
+    directions : array (K, 3)
+        Directions of the pushes, straight into the surface.
     gains : array (K, M), complex
-        Of the modes at the listener, Pa/(N s), or relative where not `calibrated`.
+        Gains of the modes at the listener, Pa/(N s) if `calibrated`, otherwise relative.
     calibrated : bool
-        Whether gains are Pa/(N s).
+        Whether gains are in Pa/(N s).
     listener : array (3,)
-        m.
+        Position, m.
     level : float
-        That the loudest contact reaches where `bound` holds, dB re 20 micropascal.
+        Level of the loudest contact for which `bound` holds, dB re 20 micropascal.
     threshold : float
-        Asked for, dB.
+        Requested largest distance, dB.
     bound : float
-        No contact sounds farther from what is stored for it, by the sonic distance, dB.
+        Upper bound of the sonic distance between a contact and the one that represents it, dB.
     surface : Mesh
         The triangles.
-    owners : array (F,)
-        Which stored contact each takes its timbre from.
+    owners : array (F,) of int
+        Stored contact that represents each triangle.
     factors : array (F, 3)
-        What its sound is multiplied by at the corners.
+        Factors of its sound at the corners.
     brightness : array (F, 3)
-        Of the body itself at the corners: centroids of the spectra, Hz; NaN where it is silent.
+        Centroid of the spectrum of the body itself at the corners, Hz; NaN if it is silent.
 
     Raises
     ------
     OptionError
-        When the arrays do not belong together.
+        If the arrays do not fit each other.
+
+    Examples
+    --------
+    >>> bar = struck.shapes.Bar(length=0.3, width=0.03, thickness=0.005)
+    >>> model = struck.analyze(bar, "steel", band=(20.0, 1000.0), progress=None)
+    >>> chart = struck.sound_map(model, threshold_db=6.0, progress=None)
+    >>> chart.at(model.contact("end").point).shape == chart.frequencies.shape
+    True
+    >>> chart.save("bar.map")
+    >>> struck.SoundMap.load("bar.map").bound == chart.bound
+    True
     """
 
     frequencies: Array
@@ -139,6 +154,11 @@ class SoundMap:
         point : array-like (3,)
             In the body's coordinates, m; the push goes straight into the surface.
 
+        Returns
+        -------
+        tuple of int, float
+            Number of the stored contact, and the factor of its sound.
+
         Raises
         ------
         ContactError
@@ -150,15 +170,25 @@ class SoundMap:
 
     @checked
     def at(self, point: ArrayLike) -> Complex:
-        """Return the gains of a unit impulse at a point, straight into the surface (M,).
+        """Return the gains of a unit impulse at a point, straight into the surface.
 
-        With `frequencies` and `decays` they are all that a synthesizer needs:
-        p(t) = sum_n Im[g_n exp((-d_n + 2 pi i f_n) t)].
+        With `frequencies` and `decays` they define the sound: p(t) = sum_n Im[g_n exp((-d_n + 2 pi
+        i f_n) t)].
+
+        Parameters
+        ----------
+        point : array-like (3,)
+            Point in body coordinates, m.
+
+        Returns
+        -------
+        array (M,), complex
+            Gains.
 
         Raises
         ------
         ContactError
-            When the point is off the body.
+            If the point is not on the body.
         """
         number, factor = self.stored(point)
         return factor * self.gains[number]
@@ -171,24 +201,39 @@ class SoundMap:
 
     @checked
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the map to a `path`, whole or not at all: a safetensors file of parameters.
+        """Write the map to a safetensors file, completely or not at all.
+
+        Parameters
+        ----------
+        path : path
+            The file.
 
         Raises
         ------
         FileFormatError
-            When it cannot be written.
+            If the file cannot be written.
         """
         write_bytes(path, to_bytes(self, (SoundMap, Mesh)))
 
     @classmethod
     @checked
     def load(cls, path: str | os.PathLike[str]) -> SoundMap:
-        """Read the sound map that `save` wrote to a `path`.
+        """Read a sound map.
+
+        Parameters
+        ----------
+        path : path
+            A file that `save` wrote.
+
+        Returns
+        -------
+        SoundMap
+            The map.
 
         Raises
         ------
         FileFormatError
-            When it cannot be read, or is damaged or no map.
+            If the file cannot be read, is damaged, or is not a sound map.
         """
         data = read_bytes(path)
         try:

@@ -41,6 +41,7 @@ def write_bank(
     Parameters
     ----------
     sound_map : SoundMap
+        The map.
     folder : path
         Made unless it is there.
     render : callable

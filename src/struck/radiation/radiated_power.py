@@ -160,9 +160,9 @@ class RadiatedPower:
         keep: Keep | None,
         progress: Progress,
     ) -> tuple[ShapeGains, Index, float]:
-        """Return gains with the timbre field, modes left out by ka, and the largest error.
+        """Compute the timbre field of a body by boundary elements.
 
-        The error is that of the elements, relative to the far pressure of a mode.
+        The error is what the elements leave, of a mode's far pressure, relative.
 
         Parameters
         ----------
@@ -175,9 +175,14 @@ class RadiatedPower:
         near : bool
             Whether pressures on the surface are kept, for listeners within 1.2 radii.
         keep : Keep or None
-            Stores finished frequencies between runs.
+            What keeps finished frequencies between runs.
         progress : callable
-            Called with the stage and the fraction of it that is done.
+            Told the stage and the fraction of it that is done.
+
+        Returns
+        -------
+        tuple of ShapeGains, array of int, float
+            Gains with the field, numbers of modes that were left out by ka, and the largest error.
 
         Raises
         ------
@@ -212,28 +217,28 @@ class Heuristic1998:
     def coefficients(
         self, surface: Mesh, shapes: NDArray[np.floating], frequencies: Array, centre: Array
     ) -> NDArray[np.complex128]:
-        """Return displacements for unit modal velocity, 1 / (2 pi f).
+        """Compute displacements for unit modal velocity, 1 / (2 pi f).
 
         Parameters
         ----------
         surface : Mesh
-            The body's surface; only its number of vertices V is checked.
-        shapes : array (V, 3, M)
-            Mode shapes; only their shape is checked.
+            Surface with N points.
+        shapes : array (N, 3, M)
+            Mode shapes at the points, kg^(-1/2).
         frequencies : array (M,)
-            Hz.
+            Natural frequencies, Hz.
         centre : array (3,)
-            Not used.
+            Has no effect.
 
         Returns
         -------
         array (M,), complex
-            s.
+            Displacements, s.
 
         Raises
         ------
         OptionError
-            When the arrays do not belong together or a frequency is not positive.
+            If the arrays do not fit each other, or a frequency is not positive.
         """
         del centre
         _require_modes(surface, shapes, frequencies)
@@ -256,22 +261,22 @@ def _require_modes(surface: Mesh, shapes: NDArray[np.floating], frequencies: Arr
 
 @checked
 def by_name(name: str) -> Radiation:
-    """Return the estimate of radiation called `name`.
+    """Return an estimate of radiation by its name.
 
     Parameters
     ----------
-    name : str
-        ``"power"`` (calibrated, the default of struck), ``"obrien2002"`` or ``"heuristic1998"``
-        (both relative).
+    name : {"power", "obrien2002", "heuristic1998"}
+        "power": calibrated, the default of struck. The others are relative.
 
     Returns
     -------
     Radiation
+        The estimate.
 
     Raises
     ------
     OptionError
-        When no estimate has that name.
+        If there is no such name.
     """
     if name not in ESTIMATES:
         suggestion = nearest(name, (*ESTIMATES, "field"), "{!r}")

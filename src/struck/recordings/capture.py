@@ -117,14 +117,22 @@ def capture(
     Parameters
     ----------
     plan : CapturePlan
+        The plan.
     folder : Path
         Where takes and their manifest are or will be. A take is a WAV file of the lead-in, 10 ms
         and the sound from the hit on; it is written as a whole, then the manifest. What is there
         is not recorded again.
     recorder : Recorder
+        What records.
     operator : Operator, optional
-        Default: SilentOperator.
-    progress : callable
+        Who moves and strikes. Default: `SilentOperator`.
+    progress : callable, optional
+        Called as ``progress(stage, fraction)``. Default: silent.
+
+    Returns
+    -------
+    Outcome
+        Accepted and refused takes.
 
     Raises
     ------

@@ -138,12 +138,12 @@ class SurveyPlan:
         Body coordinates, m.
     listener : int
         The pivot.
-    contact : int or None
-        The pivot contact; None until `after` chose it.
-    check : int or None
-        The contact that checks; None until `after` chose it.
+    contact : int or None, default None
+        Number of the pivot contact; None until `after` chooses it.
+    check : int or None, default None
+        Number of the contact that checks the separation; None until `after` chooses it.
     silent : array of int
-        Modes that the pivot contact drives by less than `SILENT`, which the plan will not measure.
+        Modes that the pivot contact hardly drives, which the plan will not measure.
     """
 
     __repr__ = brief
@@ -170,17 +170,22 @@ class SurveyPlan:
         Parameters
         ----------
         contacts : array (P, D)
-            As in `Survey`.
+            Contact coordinates.
         listeners : array (Q, 3)
-            Body coordinates, m.
+            Positions in body coordinates, m.
         centre : array (3,), optional
-            Where the sound seems to come from, m. Default: the origin.
+            Where the sound seems to come from, m; the origin unless given.
         symmetry : str
             As in `Survey`.
         listener : int, optional
             The pivot. Left out: one that no mode avoids by symmetry. With axial symmetry nearest to
             the direction of the contacts, azimuth 0 in the plane z = 0, else farthest from the
             planes x = 0, y = 0 and z = 0.
+
+        Returns
+        -------
+        SurveyPlan
+            The plan.
 
         Raises
         ------
@@ -195,10 +200,20 @@ class SurveyPlan:
         return cls(contacts=contacts, listeners=listeners, listener=pivot)
 
     def after(self, gains: Complex) -> SurveyPlan:
-        """Choose the pivot contact from gains (P, M) of the first recordings.
+        """Choose the pivot contact from the gains of the first recordings.
 
         It is the one at which modes are strongest over all, compared to where each is loudest: with
         the least mean of the noise that dividing by their drives there would bring.
+
+        Parameters
+        ----------
+        gains : array (P, M), complex
+            Gains of all contacts at the pivot listener.
+
+        Returns
+        -------
+        SurveyPlan
+            The plan with its pivot contact.
         """
         powers = np.square(np.abs(gains))
         relative_powers = powers / np.maximum(powers.max(axis=0), np.finfo(np.float64).tiny)
@@ -319,25 +334,25 @@ class CapturePlan:
         When a person is waited for: at each "take", when the "contact" changes, or "never".
     bounds : Bounds
         Levels at which a take is accepted.
-    contacts : tuple of PlannedContact
-        Contacts to be combined with the listeners.
-    listeners : tuple of PlannedListener
-        Empty if their places do not matter.
+    contacts : tuple of PlannedContact, optional
+        Contacts that are combined with all listeners.
+    listeners : tuple of PlannedListener, optional
+        Listeners; none if their positions do not matter.
     listed : tuple of Point
         Single points instead.
     pairs : str
-        "all" contacts with all listeners; or "P+Q": one listener hears all contacts, then all other
-        listeners hear the best contact (see `SurveyPlan`).
+        "all" contacts with all listeners; or "P+Q": one listener hears all contacts, then the best
+        contact is heard by all other listeners (see `Plan`).
     hits : int
         Of each point.
     pivot : int or None
-        Number of the listener that hears all contacts, with "P+Q"; None: chosen by `SurveyPlan`.
-    symmetry : str
-        As in `Manifest`.
-    centre : tuple of 3 numbers
-        As in `Manifest`.
-    coordinates : tuple of str
-        As in `Manifest`.
+        Number of the listener that hears all contacts, with "P+Q"; None: chosen by `Plan`.
+    symmetry : str, default "none"
+        Symmetry, as in `Manifest`.
+    centre : tuple of three floats, default (0, 0, 0)
+        Acoustic centre, m, as in `Manifest`.
+    coordinates : tuple of str, optional
+        Names and units of the coordinates, as in `Manifest`.
     hooks : Hooks
         Programs that move or strike.
 
@@ -385,7 +400,13 @@ class CapturePlan:
         ) * self.hits
 
     def every(self) -> Iterator[Point]:
-        """Yield listed points, or all contacts with all listeners, contact after contact."""
+        """Yield listed points, then all contacts with all listeners, contact by contact.
+
+        Returns
+        -------
+        iterator of Point
+            The points.
+        """
         yield from self.listed
         for contact in self.contacts:
             if self.listeners:
@@ -394,7 +415,20 @@ class CapturePlan:
                 yield self.point(contact, None)
 
     def point(self, contact: PlannedContact, listener: PlannedListener | None) -> Point:
-        """Return the point of a contact and a listener."""
+        """Return the point of a contact and a listener.
+
+        Parameters
+        ----------
+        contact : PlannedContact
+            The contact.
+        listener : PlannedListener or None
+            The listener, or None.
+
+        Returns
+        -------
+        Point
+            The point, with its name and number of hits.
+        """
         return Point(
             name=contact.name if listener is None else f"{contact.name}_{listener.name}",
             contact=contact.at,
@@ -403,7 +437,15 @@ class CapturePlan:
         )
 
     def planning(self) -> SurveyPlan:
-        """Return the plan of P + Q recordings, with listeners at their first channels."""
+        """Return the plan of P + Q recordings.
+
+        The position of a listener is that of its first channel.
+
+        Returns
+        -------
+        SurveyPlan
+            The plan.
+        """
         return SurveyPlan.of(
             np.array([contact.at for contact in self.contacts]),
             np.array([listener.at[0] for listener in self.listeners]),
@@ -477,12 +519,22 @@ def _require_distinct(values: Iterable[object], label: str) -> None:
 
 @checked
 def read_plan(path: str | os.PathLike[str]) -> CapturePlan:
-    """Read the capture plan at `path`, a TOML file.
+    """Read a capture plan from a TOML file.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Returns
+    -------
+    CapturePlan
+        The plan.
 
     Raises
     ------
     FileFormatError
-        When it cannot be read, or an entry is unknown, missing or out of bounds.
+        If the file cannot be read, or a key is unknown, missing or out of range.
     """
     source = Path(path)
     table = read_toml(source)

@@ -51,9 +51,10 @@ class Fitting:
     Parameters
     ----------
     model : ModalModel
-    fitted : PoleFit
+        The model.
+    fitted : Fitted
         Shared poles, gains of each channel of each hit, standard errors, verdict and notes.
-    recorded : RecordingSet
+    recorded : Recorded
         The takes and their places.
     survey : Survey or None
         Gains over contact and listener; None for a model of a single point.
@@ -63,9 +64,9 @@ class Fitting:
     room : array (M,), bool, or None
         Which modes the room may have; None where its reverberation is not given.
     residual : Residual
-        Attack and noise of the loudest hit; the model contains it if requested or needed.
+        Attack and noise of the loudest hit, which the model has where it was asked for or needed.
     short : float
-        Largest deficit of an auditory band without the residual, dB.
+        By how much a band of the ear is short without the residual, at most, dB.
     """
 
     __repr__ = brief
@@ -117,13 +118,29 @@ def fit_recordings(
     cache: bool | str | os.PathLike[str] = True,
     progress: Progress = silent,
 ) -> Fitting:
-    """Fit a model to recordings of one object, with a report on the fit.
+    """Fit a modal model to recordings of one object, with a report on the fit.
 
-    The parameters are those of `struck.fit`.
+    The parameters are those of `struck.fit`; `progress` is silent by default.
 
     Returns
     -------
     Fitting
+        The model, with the fitted modes, their errors and the recordings.
+
+    Examples
+    --------
+    >>> time = np.arange(48_000) / 48_000
+    >>> hit = 0.5 * np.exp(-8 * time) * np.sin(2 * np.pi * 440 * time)
+    >>> noise = 1e-4 * np.random.default_rng(0).standard_normal(72_000)
+    >>> samples = noise + np.concatenate([np.zeros(24_000), hit])
+    >>> recording = struck.Sound(samples=samples[None], sample_rate=48_000)
+    >>> fitting = struck.recordings.fit_recordings(
+    ...     recording, modes=None, residual=False, cache=False
+    ... )
+    >>> fitting.fitted.frequencies.round(1)
+    array([440.])
+    >>> bool(fitting.fitted.frequency_errors[0] < 0.01)
+    True
     """
     _require(way, method, radius, modes)
     _require_blow(blow, residual=residual)

@@ -131,12 +131,22 @@ class Manifest:
         )
 
     def chosen(self, files: Sequence[str | os.PathLike[str]]) -> Manifest:
-        """Return the manifest of some files, in their order.
+        """Select the entries of some files, in their order.
+
+        Parameters
+        ----------
+        files : sequence of path
+            The files.
+
+        Returns
+        -------
+        Manifest
+            The manifest of these files.
 
         Raises
         ------
         RecordingError
-            When one of them has no entry.
+            If a file has no entry.
         """
         entries_by_path = {
             real(path): entry for path, entry in zip(self.files, self.entries, strict=True)
@@ -150,7 +160,13 @@ class Manifest:
         return replace(self, entries=tuple(entries_by_path[real(file)] for file in files))
 
     def text(self) -> str:
-        """Return the manifest as TOML, from which `read_manifest` makes the same."""
+        """Return the manifest as TOML.
+
+        Returns
+        -------
+        str
+            TOML, from which `read_manifest` makes the same.
+        """
         head: dict[str, object] = {"symmetry": self.symmetry, "centre": self.centre}
         if self.coordinates:
             head["coordinates"] = self.coordinates

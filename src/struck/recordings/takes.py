@@ -46,18 +46,25 @@ class Take:
 
     Parameters
     ----------
-    samples : array (channels, n)
-        In any unit; for files 1.0 is full scale. One channel may come as (n,).
+    samples : array (channels, n) or (n,)
+        Samples in any unit; 1.0 is full scale of files.
     sample_rate : int
-        Hz.
-    name : str
-        Name in messages. Default: "the take".
+        Sample rate, Hz.
+    name : str, default "the take"
+        Name in messages.
 
     Raises
     ------
     RecordingError
         When samples are not (channels, n) finite numbers, are silent, shorter than 0.1 s or more
-        than 30 million, or the rate is not from 4 to 400 kHz.
+        than 30 million, or the rate is none that sound is recorded at.
+
+    Examples
+    --------
+    >>> from struck.recordings import Take
+    >>> take = Take(samples=np.random.default_rng(0).standard_normal(48_000), sample_rate=48_000)
+    >>> take.samples.shape
+    (1, 48000)
     """
 
     samples: Array
@@ -74,20 +81,43 @@ class Take:
     @classmethod
     @checked
     def of(cls, sound: Sound, name: str = "the take") -> Take:
-        """Return a sound as a take, called `name` in messages."""
+        """Make a take of a sound.
+
+        Parameters
+        ----------
+        sound : Sound
+            The sound.
+        name : str, default "the take"
+            Name in messages.
+
+        Returns
+        -------
+        Take
+            The take.
+        """
         return cls(samples=sound.samples.astype(float), sample_rate=sound.sample_rate, name=name)
 
     @classmethod
     @checked
     def load(cls, path: str | os.PathLike[str]) -> Take:
-        """Read the take at `path`, a WAV, FLAC or AIFF file.
+        """Read a take from a WAV, FLAC or AIFF file.
+
+        Parameters
+        ----------
+        path : path
+            The file.
+
+        Returns
+        -------
+        Take
+            The take.
 
         Raises
         ------
         FileFormatError
             When it cannot be read, is cut short or is no such file.
         MissingDependencyError
-            When struck cannot read its format itself, and soundfile is missing.
+            When it is none of the WAV files that struck reads itself, and soundfile is missing.
         RecordingError
             When no model can come from what it holds.
         """

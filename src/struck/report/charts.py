@@ -64,12 +64,18 @@ def overview(
     Parameters
     ----------
     model : ModalModel
+        The model.
     sound : Sound, optional
         Of the model.
     title : str, optional
         Above the picture.
     at : str
         Where the sound's strike was, in words, above its spectrum.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The picture.
     """
     if not len(model.frequencies) and model.recoil is None:
         sound = None  # silent

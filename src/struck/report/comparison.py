@@ -79,8 +79,10 @@ class Comparison:
 
     Parameters
     ----------
-    model, other : Side
-        What was compared.
+    model : Side
+        The model.
+    other : Side
+        The recording or the other model.
     pairing : Pairing
         Which of the other's modes is which of the model's, and how sure that is.
     cents : array (P,)
@@ -93,7 +95,7 @@ class Comparison:
         Median of the level differences, dB, taken out of them unless both are calibrated.
     missing : array
         Numbers of the model's modes that the other lacks though they should be heard; a fit's modes
-        of the blow are neither missing nor extra.
+        that stand for the blow are not missed, nor extra.
     twins : array
         Numbers of the model's unpaired modes that share their frequency with a paired one, as those
         of a round body do: they are heard as one.
@@ -130,7 +132,13 @@ class Comparison:
         return (*self.model.notes, *self.other.notes)
 
     def summary(self) -> list[str]:
-        """Return the differences of both sides, a line each."""
+        """Summarise the differences.
+
+        Returns
+        -------
+        list of str
+            One line per result.
+        """
         model_count, other_count = (
             len(item.partials.frequencies) for item in (self.model, self.other)
         )
@@ -172,7 +180,13 @@ class Comparison:
         return not (self.model.calibrated and self.other.calibrated)
 
     def rows(self) -> list[tuple[str, ...]]:
-        """Return a row of text for each pair, under `struck.report.comparison.HEADINGS`."""
+        """Return a row of text for each pair of modes.
+
+        Returns
+        -------
+        list of tuple of str
+            Texts under `struck.report.comparison.HEADINGS`.
+        """
         mine, theirs = self.model.partials, self.other.partials
         columns = (
             [f"{mode + 1}" for mode in self.pairing.computed],
@@ -188,16 +202,27 @@ class Comparison:
         return list(zip(*columns, strict=True))
 
     def page(self) -> str:
-        """Return a complete HTML page: sounds, spectra, differences and the table of modes."""
+        """Make an HTML page of the comparison.
+
+        Returns
+        -------
+        str
+            HTML with sounds, spectra, differences and the table of modes, without other files.
+        """
         return _page(self)
 
     def save_page(self, path: str | os.PathLike[str]) -> None:
-        """Write the HTML page of the comparison to a `path`, whole or not at all.
+        """Write the HTML page, completely or not at all.
+
+        Parameters
+        ----------
+        path : path
+            The file.
 
         Raises
         ------
         FileFormatError
-            When the file cannot be written, or its name does not end as a page's.
+            If the file cannot be written, or its name does not end as that of a page.
         """
         require_ending(path, PAGES, "pages")
         write_bytes(path, self.page().encode())

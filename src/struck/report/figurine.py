@@ -23,7 +23,13 @@ _BOUNDS = np.array([(-0.08, -0.035, -0.024), (0.06, 0.035, 0.06)])
 
 
 def bird() -> Mesh:
-    """Return the bird, 13 cm long, standing on a flat base; z points up."""
+    """Return the bird, 13 cm long, standing on a flat base; z points up.
+
+    Returns
+    -------
+    Mesh
+        The surface.
+    """
     surface, _ = stuff_body(_depth, _BOUNDS, _SPACING).surface()
     points = surface.points
     for _ in range(4):

@@ -57,12 +57,19 @@ _SHORTER = 0.1  # a sound may lack this much of its end without a word, s
 
 @checked
 def save_report(fitting: Fitting, path: str | os.PathLike[str]) -> None:
-    """Write the HTML page of a `fitting` to a `path`, whole or not at all.
+    """Write the HTML page of a fit, completely or not at all.
+
+    Parameters
+    ----------
+    fitting : Fitting
+        Result of `struck.recordings.fit_recordings`.
+    path : path
+        The file.
 
     Raises
     ------
     FileFormatError
-        When the file cannot be written, or its name does not end as a page's.
+        If the file cannot be written, or its name does not end as that of a page.
     """
     require_ending(path, PAGES, "pages")
     write_bytes(path, report(fitting).encode())
@@ -70,10 +77,20 @@ def save_report(fitting: Fitting, path: str | os.PathLike[str]) -> None:
 
 @checked
 def report(fitting: Fitting) -> str:
-    """Return the HTML page of a `fitting`, which needs no other file.
+    """Make the HTML page of a fit, without other files.
 
     It shows how well modes explain the recordings, plays hits as recorded and as fitted, and shows
     their spectra, every mode with its errors, gains over contact and listener, and every take.
+
+    Parameters
+    ----------
+    fitting : Fitting
+        Result of `struck.recordings.fit_recordings`.
+
+    Returns
+    -------
+    str
+        HTML.
     """
     fitted, recorded = fitting.fitted, fitting.recorded
     energies = Energies.of(fitted)

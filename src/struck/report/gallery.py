@@ -397,7 +397,7 @@ LIST = "list.txt"  # of the files that were made
 
 @checked
 def gallery(folder: Path, progress: Progress = silent, pieces: Sequence[str] | None = None) -> Path:
-    """Compute models, sounds, pictures and pages into a `folder`; return the first page.
+    """Compute models, sounds, pictures and pages into a folder.
 
     The first page is there from the start and is written again after each entry, so that a stop in
     between leaves a page with the finished entries.
@@ -411,6 +411,11 @@ def gallery(folder: Path, progress: Progress = silent, pieces: Sequence[str] | N
     pieces : sequence of str, optional
         Names of the bodies to compute, with "tabla" for the recording and "scenes" for the rigid
         bodies of 2002. Default: all.
+
+    Returns
+    -------
+    Path
+        The first page.
 
     Raises
     ------

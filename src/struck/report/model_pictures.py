@@ -171,15 +171,16 @@ def _mode_shapes(model: ModalModel, count: int) -> Figure:
 
 @checked
 def blow_response(model: ModalModel, strike: Strike, times: Array) -> tuple[Array, Array]:
-    """Return how a surface moves by its modes after a blow.
+    """Compute the motion of a surface after a strike, by its modes.
 
     Parameters
     ----------
     model : ModalModel
-        With mode shapes.
+        Model with mode shapes.
     strike : Strike
+        The strike.
     times : array (T,)
-        Since the middle of the blow, s; from its end on.
+        Times from the middle of the strike, not before its end, s.
 
     Returns
     -------
@@ -190,9 +191,10 @@ def blow_response(model: ModalModel, strike: Strike, times: Array) -> tuple[Arra
 
     Raises
     ------
-    OptionError, ContactError
-        Without mode shapes, on times that are negative or not finite; where the strike meets no
-        body.
+    OptionError
+        If the model has no mode shapes, or times are negative or not finite.
+    ContactError
+        If the contact is not on the body.
     """
     gains = _surface_gains(model)
     times = numbers("times", times).reshape(-1)
@@ -253,8 +255,10 @@ def grid_picture(
 
     Parameters
     ----------
-    contacts, listeners : array (P, 3), array (Q, 3)
-        Places in body coordinates, m.
+    contacts : array (P, 3)
+        Contacts in body coordinates, m.
+    listeners : array (Q, 3)
+        Listeners in body coordinates, m.
     directions : array (P, 3), optional
         Direction of the push at each contact. Default: toward the z axis.
     surface : Mesh, optional

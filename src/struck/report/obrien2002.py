@@ -132,20 +132,20 @@ def scene2002(
     stems: bool = False,
     progress: Progress = silent,
 ) -> list[Path]:
-    """Make one of the five scenes: sounds, contact log, animation and pictures in a folder.
+    """Compute one of the scenes of 2002: sounds, contact log, animation and pictures in a folder.
 
     Parameters
     ----------
-    name : str
-        "chimes", "bowl", "chute", "blocks", "boxes" or "the_end".
+    name : {"chimes", "bowl", "chute", "blocks", "boxes", "the_end"}
+        Name of the scene.
     folder : Path
-        Made where it is missing.
-    accuracy : str
+        Folder, which is created if it does not exist.
+    accuracy : str, default "standard"
         As for `struck.analyze`.
-    stems : bool
-        Whether the sound of each body is written too, next to that of all.
-    progress : callable
-        Told the stage and the fraction of it that is done.
+    stems : bool, default False
+        Write also the sound of each body.
+    progress : callable, optional
+        Called as ``progress(stage, fraction)``. Default: silent.
 
     Returns
     -------
@@ -155,9 +155,9 @@ def scene2002(
     Raises
     ------
     OptionError
-        On another name.
+        If the name is another.
     MissingDependencyError
-        Without MuJoCo.
+        If MuJoCo is not installed.
     """
     require_choice("name", name, SCENES)
     folder.mkdir(parents=True, exist_ok=True)

@@ -27,7 +27,20 @@ _SILENT = "#d9d9d9"
 @in_default_style
 @checked
 def sound_map_picture(sound_map: SoundMap, *, cells: bool = True) -> Figure:
-    """Draw the spectral centroid over the contacts of a `sound_map`, and its sounds (`cells`)."""
+    """Draw the spectral centroid over the contacts of a sound map.
+
+    Parameters
+    ----------
+    sound_map : SoundMap
+        The map.
+    cells : bool, default True
+        Draw also the map: the spectral centroids of the stored sounds.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The picture.
+    """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LogNorm
 

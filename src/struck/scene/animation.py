@@ -38,25 +38,25 @@ _Z_UP = [-(0.5**0.5), 0.0, 0.0, 0.5**0.5]  # (x, y, z, w): z of the scene to y o
 def save_animation(
     scene: Scene, path: str | os.PathLike[str], *, seconds: float, frames_per_second: float = 60.0
 ) -> None:
-    """Write bodies and their motion as a GLB file, whole or not at all.
+    """Write bodies and their motion to a GLB file, completely or not at all.
 
     Parameters
     ----------
     scene : Scene
-        Its bodies and their motion; bodies without a surface are left out.
+        Moving bodies; those without a surface are left out.
     path : path
-        Ending in ``.glb``.
+        The file, ending in ``.glb``.
     seconds : float
-        Length, s.
-    frames_per_second : float
-        Hz; viewers interpolate between frames. Default: 60.
+        Duration, s.
+    frames_per_second : float, default 60.0
+        Rate of the poses, Hz. Viewers interpolate between them.
 
     Raises
     ------
     OptionError
-        If no body has a surface, or on numbers outside their bounds.
+        If no body has a surface, or a number is out of range.
     FileFormatError
-        If it cannot be written.
+        If the file cannot be written.
     """
     require_number("seconds", seconds, 0.0, 3600.0, above=True, hint="it must exceed 0")
     require_number("frames_per_second", frames_per_second, 1.0, 1000.0, hint="give 1 to 1000")

@@ -39,28 +39,34 @@ class RigidBody:
 
     Parameters
     ----------
-    geometry : Mesh or None
-        Its surface. Default: None, touched at any place.
-    material : Material, str or None
-        A name is looked up as in `Material.named`. Default: None, as hard as possible.
-    mass : float or None
-        kg. Default: None, it does not move when it is hit.
-    centre : array-like (3,) or None
+    geometry : Mesh or None, default None
+        Surface. None: it may be touched anywhere.
+    material : Material, str or None, default None
+        Material, or its name as for `Material.named`. None: infinitely hard.
+    mass : float or None, default None
+        Mass, kg. None: it does not give way.
+    centre : array-like (3,) or None, default None
         Centre of mass, m.
-    inertia : array-like (3, 3) or None
-        Moments of inertia about it, kg m^2.
-    plane : bool
-        Whether the body is all of the plane z = 0 of its coordinates, as a floor is. It changes
-        pictures only: positions of contacts are given separately. Default: False.
+    inertia : array-like (3, 3) or None, default None
+        Moments of inertia about the centre, kg m^2.
+    plane : bool, default False
+        Whether the body is all of the plane z = 0 of its coordinates, such as a floor. This changes
+        only pictures: contacts define where it is touched.
 
     Raises
     ------
     OptionError
-        On a mass that does not exceed 0, or a plane with another surface.
+        If the mass is not positive, or a plane has another surface.
     MaterialError
-        On an unknown name of a material.
+        If the material is unknown.
     MeshError
-        On a surface that is inside out.
+        If the surface is inside out.
+
+    Examples
+    --------
+    >>> floor = struck.scene.RigidBody(material="oak", plane=True)
+    >>> struck.Body(model=floor).model.material.name
+    'oak'
     """
 
     geometry: Mesh | None = None
@@ -103,22 +109,35 @@ class Body:
     Parameters
     ----------
     model : ModalModel or RigidBody
-        What sounds, or what is merely touched.
-    excitations : an excitation, a Hold, or several of them
-        In the body's own coordinates and the scene's time; () where nothing happens to it.
-    position : array-like (3,), (times, points) or function of time
-        Where the origin of the body's coordinates is in the scene, m.
+        Model that sounds, or a silent body.
+    excitations : excitation, Hold or sequence of them, default ()
+        Excitations in the coordinates of the body and the time of the scene.
+    position : array-like (3,), (times, points) or function of time, default (0, 0, 0)
+        Position of the origin of the body coordinates in the scene, m.
     rotation : array-like (3, 3) or (4,), (times, quaternions) or function of time
-        From the body's coordinates to the scene's; see `Turning`. Quaternions are (w, x, y, z).
-    roughness : str, Roughness, Profile or None
-        Of its surface, by which sliding and rolling sound; None: as its material has.
-    fixed : bool
-        Whether it is held and does not give way as a whole when it is hit.
+        Rotation from the coordinates of the body to those of the scene (see `Turning`). Quaternions
+        are (w, x, y, z). Default: (1, 0, 0, 0).
+    roughness : str, Roughness, Profile or None, default None
+        Finish of its surface for sliding and rolling. None: that of its material.
+    fixed : bool, default False
+        Whether the body is clamped and does not recoil from a hit.
 
     Raises
     ------
     OptionError
-        On what is no excitation, a position that is none, or what is no rotation.
+        If an excitation, the position or the rotation is not one.
+
+    Examples
+    --------
+    >>> bar = struck.shapes.Bar(length=0.3, width=0.03, thickness=0.005)
+    >>> model = struck.analyze(bar, "steel", progress=None)
+    >>> bodies = [
+    ...     struck.Body(model=model, excitations=struck.Strike(time=time), position=(0.0, y, 0.0))
+    ...     for time, y in ((0.0, -0.5), (0.2, 0.5))
+    ... ]
+    >>> sound = struck.render(bodies, seconds=1.0, listener=struck.Mono(position=(2.0, 0.0, 0.0)))
+    >>> sound.samples.shape
+    (1, 48000)
     """
 
     model: ModalModel | RigidBody
@@ -197,7 +216,18 @@ class Body:
         return self.model
 
     def carried(self, point: Array) -> MovingPoint:
-        """Return a point (3,) of its coordinates, m, as it moves through the scene."""
+        """Return a point of the body as it moves through the scene.
+
+        Parameters
+        ----------
+        point : array (3,)
+            Point in body coordinates, m.
+
+        Returns
+        -------
+        MovingPoint
+            The moving point.
+        """
         return MovingPoint(origin=self.origin, orientation=self.orientation, point=point)
 
 
@@ -209,19 +239,33 @@ class Scene:
     Parameters
     ----------
     bodies : mapping of str to Body
-        Those that sound and those that are merely touched.
-    gravity : array-like (3,)
-        m/s^2.
-    notes : tuple of str
+        Bodies by name, sounding and silent ones.
+    gravity : array-like (3,), default (0, 0, -9.81)
+        Acceleration of gravity, m/s^2.
+    notes : tuple of str, optional
         What was left out or guessed when the scene was made.
-    logged : float or None
-        End of the log of contacts that excites the bodies, s, as `Events.on` sets it: such a scene
-        may be silent. Default: None, of a scene without a log.
+    logged : float or None, default None
+        End of the log of contacts that excites the bodies, s, as set by `Events.on`: such a scene
+        may be silent. None: a scene without a log.
 
     Raises
     ------
     OptionError
-        On no bodies.
+        If there are no bodies.
+
+    Examples
+    --------
+    >>> from struck.scene import Contacts, RigidBody, Scene
+    >>> bar = struck.shapes.Bar(length=0.3, width=0.03, thickness=0.005)
+    >>> model = struck.analyze(bar, "steel", progress=None)
+    >>> bodies = {"bar": struck.Body(model=model), "floor": struck.Body(model=RigidBody())}
+    >>> scene = Scene(bodies=bodies)
+    >>> log = Contacts(
+    ...     names=["floor", "bar"], time=[0.1], body0=[0], body1=[1],
+    ...     position=[model.contact("end").point], impulse=[[0.0, 0.0, 0.02]],
+    ... )  # fmt: skip
+    >>> struck.render(scene, log, seconds=0.5).peak > 0
+    True
     """
 
     bodies: Mapping[str, Body]
@@ -243,7 +287,17 @@ class Scene:
             require_number("logged", self.logged, 0.0, np.inf, hint="give the end of the log, s")
 
     def posed(self, contacts: Contacts) -> Scene:
-        """Return the scene with its bodies at the poses of a log of `contacts`.
+        """Return the scene with its bodies at the poses of a log.
+
+        Parameters
+        ----------
+        contacts : Contacts
+            The log.
+
+        Returns
+        -------
+        Scene
+            The scene with moving bodies.
 
         Raises
         ------

@@ -24,20 +24,20 @@ _MAX_TIME = 1e6  # s
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Poses:
-    """Poses of bodies over time, row by row.
+    """Where bodies are over time, row by row.
 
     Parameters
     ----------
     time : array-like (N,)
-        s.
-    body : array-like (N,)
+        Times, s.
+    body : array-like (N,) of int
         Number of the body among the names of the log.
     position : array-like (N, 3)
-        Where the origin of the body's own coordinates is in the world, m.
+        Position of the origin of the body coordinates in the world, m.
     rotation : array-like (N, 4)
-        Unit quaternions (w, x, y, z) from the body's coordinates to the world's.
-    notes : tuple of str
-        On rows that were left out.
+        Unit quaternions (w, x, y, z) from body coordinates to those of the world.
+    notes : tuple of str, optional
+        Remarks on rows that were left out.
 
     Raises
     ------
@@ -46,8 +46,20 @@ class Poses:
 
     Notes
     -----
-    Rows are sorted by body and time. If several rows have the same body and time, the last counts;
-    `notes` give the number of the others.
+    Rows are put in order of body and time. Of several rows of one body and time the last counts;
+    `notes` tell how many were left out.
+
+    Examples
+    --------
+    >>> from struck.scene import Poses
+    >>> poses = Poses.together(
+    ...     time=[0.0, 0.1],
+    ...     position=[[[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.5]]],
+    ...     rotation=[[[1.0, 0.0, 0.0, 0.0]]] * 2,
+    ... )
+    >>> times, positions, rotations = poses.of(0)
+    >>> positions[:, 2]
+    array([0. , 0.5])
     """
 
     time: Array
@@ -78,11 +90,16 @@ class Poses:
         Parameters
         ----------
         time : array-like (T,)
-            s.
+            Times, s.
         position : array-like (T, B, 3)
-            Positions of the origins of the bodies' coordinates in the world, m.
+            Positions, m, as in the class.
         rotation : array-like (T, B, 4)
-            Unit quaternions (w, x, y, z) from the bodies' coordinates to the world's.
+            Rotations, as in the class.
+
+        Returns
+        -------
+        Poses
+            The poses, row by row.
 
         Raises
         ------
@@ -107,7 +124,18 @@ class Poses:
         )
 
     def of(self, body: int) -> tuple[Array, Array, Array]:
-        """Return times (T,), positions (T, 3) and rotations (T, 4) of a body; T may be 0."""
+        """Return the poses of one body.
+
+        Parameters
+        ----------
+        body : int
+            Number of the body.
+
+        Returns
+        -------
+        tuple of array (T,), array (T, 3), array (T, 4)
+            Times, s, positions, m, and rotations; T may be 0.
+        """
         first, last = np.searchsorted(self.body, [body, body + 1])
         return self.time[first:last], self.position[first:last], self.rotation[first:last]
 
@@ -123,24 +151,24 @@ class Contacts:
         Of the bodies; `body0` and `body1` count them from 0.
     time : array-like (K,)
         When the step begins in which the impulse acts, s.
-    body0 : array-like (K,)
-        Number of one of the two bodies that touch.
-    body1 : array-like (K,)
-        Number of the other one.
+    body0 : array-like (K,) of int
+        Number of the first body of each contact.
+    body1 : array-like (K,) of int
+        Number of the second body.
     position : array-like (K, 3)
         In the world, m.
     impulse : array-like (K, 3)
         What body1 receives during the step, friction included, N s; body0 gets the opposite.
     dt : array-like (K,) or one number
-        How long the step lasts, s; 0 for an impact of a single row. Default: 0.
+        How long the step lasts, s; 0 for an impact that is one row by itself.
     normal : array-like (K, 3)
-        From body0 to body1, of any length. Default: the direction of the impulse.
+        From body0 to body1, of any length; the direction of the impulse unless given.
     velocity : array-like (K, 3) or None
         Of body1 as seen from body0 at the point when the step begins, m/s; None: unknown.
     id : array-like (K,) or None
         Number of the point of contact, the same from step to step, where the simulation has one.
     poses : Poses or None
-        Poses of the bodies over time. Default: None, those of the scene.
+        Where the bodies are; None: where the scene says.
     notes : tuple of str
         On rows that were changed or left out.
 
@@ -152,8 +180,18 @@ class Contacts:
 
     Notes
     -----
-    Rows are sorted by time, and one of several identical rows is kept; `notes` list the changes and
-    their numbers.
+    Rows are put in order of time, and of rows that are the same in everything one is kept; `notes`
+    tell what was changed, and how often.
+
+    Examples
+    --------
+    >>> from struck.scene import Contacts
+    >>> log = Contacts(
+    ...     names=["floor", "bar"], time=[0.1], body0=[0], body1=[1], position=[[0.0, 0.0, 0.0]],
+    ...     impulse=[[0.0, 0.0, 0.02]],
+    ... )  # fmt: skip
+    >>> len(log.time), log.normal
+    (1, array([[0., 0., 1.]]))
     """
 
     names: Sequence[str]
@@ -199,7 +237,20 @@ class Contacts:
 
     @classmethod
     def of_motion(cls, names: Sequence[str], poses: Poses) -> Contacts:
-        """Return a log without contacts, of bodies with `names` that move along `poses`."""
+        """Make a log without contacts of moving bodies.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Names of the bodies.
+        poses : Poses
+            Their poses over time.
+
+        Returns
+        -------
+        Contacts
+            The log.
+        """
         no_vectors, no_numbers = np.zeros((0, 3)), np.zeros(0, np.int64)
         return cls(
             names=names,
@@ -212,7 +263,18 @@ class Contacts:
         )
 
     def chosen(self, rows: Index | Mask) -> Contacts:
-        """Return the contacts of some `rows`, numbers (R,) or a mask (K,), with all poses."""
+        """Select rows of the log.
+
+        Parameters
+        ----------
+        rows : array (R,) of int, or (K,) of bool
+            Numbers of the rows, or a mask.
+
+        Returns
+        -------
+        Contacts
+            The selected contacts, with all poses.
+        """
         columns = {name: getattr(self, name) for name in _COLUMNS}
         parts = {n: None if v is None else np.asarray(v)[rows] for n, v in columns.items()}
         return replace(self, **parts)

@@ -89,13 +89,15 @@ class Events:
     Parameters
     ----------
     scene : Scene
-        With its bodies where the log says.
+        Scene with its bodies at the poses of the log.
     contacts : Contacts
+        The log.
     impacts : Impacts
+        Impacts that were detected in it.
     sustained : sequence of SustainedContact
-        What slides or rolls.
+        Sliding and rolling contacts.
     notes : tuple of str
-        What was left out, and how often.
+        Losses, and how often they occurred.
     """
 
     scene: Scene
@@ -105,9 +107,14 @@ class Events:
     notes: tuple[str, ...]
 
     def table(self) -> Sequence[Mapping[str, object]]:
-        """Return a row for each point of a blow and for each lasting contact, in order of time.
+        """List the impacts and the sustained contacts, in order of time.
 
-        Points whose impulse is below 1e-6 of the largest are left out; `notes` count them.
+        Impacts below 1e-6 of the largest impulse are left out; `notes` count them.
+
+        Returns
+        -------
+        sequence of mapping
+            One row for each point of an impact and for each sustained contact.
         """
         names, durations = self.contacts.names, self.durations
         rows: list[Mapping[str, object]] = [
@@ -168,6 +175,11 @@ class Events:
             the simulation.
         seed : int
             Of where on their roughness things begin to slide, and of noise.
+
+        Returns
+        -------
+        Scene
+            The scene with excited bodies.
 
         Raises
         ------
@@ -238,22 +250,24 @@ class Events:
 
 @checked
 def events_of(scene: Scene, contacts: Contacts) -> Events:
-    """Find the blows and lasting contacts that make a scene sound.
+    """Detect the impacts and sustained contacts that make a scene sound.
 
     Parameters
     ----------
     scene : Scene
+        The bodies.
     contacts : Contacts
-        Names bodies of the scene; where it has poses, they hold.
+        Log with names of bodies of the scene. Its poses, if any, replace those of the scene.
 
     Returns
     -------
     Events
+        Impacts and sustained contacts.
 
     Raises
     ------
     OptionError
-        On bodies that the scene does not have.
+        If the scene lacks a body of the log.
     """
     posed_scene = scene.posed(contacts)
     blows, lasting, weak_count = [], [], 0

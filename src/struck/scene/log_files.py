@@ -81,18 +81,19 @@ def load_contacts(path: str | os.PathLike[str]) -> Contacts:
 
 @checked
 def save_contacts(contacts: Contacts, path: str | os.PathLike[str]) -> None:
-    """Write a contact log with its poses, whole or not at all.
+    """Write a contact log with its poses, completely or not at all.
 
     Parameters
     ----------
     contacts : Contacts
+        The log.
     path : path
-        Ending in ``.csv``, ``.jsonl`` or ``.npz``; each of them is read as it was written.
+        The file, ending in ``.csv``, ``.jsonl`` or ``.npz``. All of them keep the log exactly.
 
     Raises
     ------
     FileFormatError
-        On another ending, or where it cannot be written.
+        If the ending is another, or the file cannot be written.
     """
     kind = _kind(path)
     if kind == "npz":

@@ -106,26 +106,25 @@ def infer_contacts(scene: Scene, motion: Contacts) -> Contacts:
     Parameters
     ----------
     scene : Scene
-        With the masses of its bodies and their surfaces, and the gravity under which they fell.
+        Masses and surfaces of the bodies, and gravity.
     motion : Contacts
-        With poses, as `load_contacts` reads them of a file without contacts, or `load_animation`
-        of an animation.
+        Poses, as read by `load_contacts` from a file without contacts, or by `load_animation`.
 
     Returns
     -------
     Contacts
-        A row without duration for each hit, and rows of a frame's length where bodies are carried;
-        `notes` count leaps without a near body.
+        A row without duration for each impact, and rows of the length of a frame for bodies that
+        are carried; `notes` report jumps without a body nearby.
 
     Raises
     ------
     OptionError
-        On bodies that the scene does not have, or a log without poses.
+        If the scene lacks a body of the log, or the log has no poses.
 
     Notes
     -----
-    The impulses of hits at least three frames apart are as exact as the frames; closer hits are
-    summed. The friction of a contact that lasts is part of its load.
+    Of hits at least three frames apart the impulse is found as well as the frames are exact; what
+    comes closer is told in sum. The friction of a contact that lasts is part of its load.
     """
     if motion.poses is None:
         raise OptionError("the log has no poses: give some, as load_animation reads them")
@@ -147,23 +146,25 @@ def infer_contacts(scene: Scene, motion: Contacts) -> Contacts:
 
 @checked
 def load_animation(path: str | os.PathLike[str]) -> Contacts:
-    """Read how the parts of a glTF or GLB file move.
+    """Read the motion of the parts of a glTF or GLB file.
 
     Parameters
     ----------
     path : path
-        A file with animations; names of bodies are those of its nodes.
+        A file with animations. Names of bodies are those of its nodes.
 
     Returns
     -------
     Contacts
-        Without rows: poses alone, from where the file has its parts at rest, which is where
-        ``struck.analyze(path, ..., part=name)`` reads them.
+        A log without rows, but with poses, relative to the parts at rest, as ``struck.analyze(path,
+        ..., part=name)`` reads them.
 
     Raises
     ------
-    FileFormatError, MeshError
-        On a file that cannot be read, or in which nothing moves.
+    FileFormatError
+        If the file cannot be read, or nothing moves in it.
+    MeshError
+        If the file cannot be read, or nothing moves in it.
     """
     limits = ReadingLimits()
     try:

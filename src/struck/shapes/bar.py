@@ -39,9 +39,9 @@ class RectangularSection:
     Parameters
     ----------
     width : float
-        Along y, m.
+        Width along y, m.
     thickness : float
-        Along z, the direction in which the bar bends, m.
+        Thickness along z, the direction of bending, m.
 
     Raises
     ------
@@ -51,6 +51,13 @@ class RectangularSection:
     Notes
     -----
     Shear coefficient 10 (1 + nu) / (12 + 11 nu): Cowper 1966.
+
+    Examples
+    --------
+    >>> from struck.shapes import Bar, RectangularSection
+    >>> bar = Bar(length=0.3, section=RectangularSection(width=0.03, thickness=0.005))
+    >>> struck.analyze(bar, "steel", progress=None).frequencies[:2].round()
+    array([288., 792.])
     """
 
     width: float
@@ -81,12 +88,36 @@ class RectangularSection:
         return 1.2, 1.1
 
     def skin(self, length: float, spacing: float) -> Mesh:
-        """Return the surface of a bar along x from 0 to `length` m, with edges of `spacing`, m."""
+        """Return the surface of a bar along x.
+
+        Parameters
+        ----------
+        length : float
+            Length of the bar, m.
+        spacing : float
+            Approximate edge of the triangles, m.
+
+        Returns
+        -------
+        Mesh
+            The surface.
+        """
         plan = rectangle(length, self.width, spacing, corner=(0.0, -self.width / 2))
         return slab(*plan, self.thickness)
 
     def solid(self, length: float) -> tuple[Block, Turn]:
-        """Return the solid of a bar of a `length`, m, and the rotation that lays it along x."""
+        """Return the solid of a bar.
+
+        Parameters
+        ----------
+        length : float
+            Length of the bar, m.
+
+        Returns
+        -------
+        tuple of Block, rotation (3, 3)
+            The solid, and the rotation that puts it along x.
+        """
         return Block(size=(length, self.width, self.thickness)), UPRIGHT
 
 
@@ -100,7 +131,7 @@ class RoundSection:
     radius : float
         Outer radius, m.
     wall : float, optional
-        Thickness of a tube's wall, m; left out, or as thick as the radius: a solid rod.
+        Wall thickness of a tube, m. Default: a solid rod.
 
     Raises
     ------
@@ -111,6 +142,13 @@ class RoundSection:
     -----
     With m = bore / radius the shear coefficient is 6 (1 + nu) (1 + m^2)^2 /
     ((7 + 6 nu) (1 + m^2)^2 + (20 + 12 nu) m^2): Cowper 1966.
+
+    Examples
+    --------
+    >>> from struck.shapes import Bar, RoundSection
+    >>> chime = Bar(length=0.5, section=RoundSection(radius=0.0125, wall=0.001))
+    >>> struck.analyze(chime, "aluminium", progress=None).frequencies[:2].round()
+    array([ 615., 1644.])
     """
 
     radius: float
@@ -155,11 +193,35 @@ class RoundSection:
         return (7 + 20 * term) / 6, (6 + 12 * term) / 6
 
     def skin(self, length: float, spacing: float) -> Mesh:
-        """Return the surface of a bar along x from 0 to `length` m, with edges of `spacing`, m."""
+        """Return the surface of a bar along x.
+
+        Parameters
+        ----------
+        length : float
+            Length of the bar, m.
+        spacing : float
+            Approximate edge of the triangles, m.
+
+        Returns
+        -------
+        Mesh
+            The surface.
+        """
         return sleeve(length, self.radius, self.bore, spacing)
 
     def solid(self, length: float) -> tuple[Tube, Turn]:
-        """Return the solid of a bar of a `length`, m, and the rotation that lays it along x."""
+        """Return the solid of a bar.
+
+        Parameters
+        ----------
+        length : float
+            Length of the bar, m.
+
+        Returns
+        -------
+        tuple of Tube, rotation (3, 3)
+            The solid, and the rotation that puts it along x.
+        """
         return Tube(length=length, radius=self.radius, wall=self.wall or self.radius), ALONG_X
 
 
@@ -171,12 +233,12 @@ class GivenSection:
     Parameters
     ----------
     area : float
-        m^2.
+        Area, m^2.
     second_moment : float
         Second moment of area about y, m^4.
     shear_coefficient : float
-        Mean shear stress over shear modulus times mean shear angle; above 0, at most 1. It is
-        taken as it is, whatever Poisson's ratio.
+        Mean shear stress over shear modulus times mean shear angle; above 0, at most 1, for any
+        Poisson's ratio.
 
     Raises
     ------
@@ -186,6 +248,14 @@ class GivenSection:
     Notes
     -----
     It looks like the rectangle with the same area and second moment.
+
+    Examples
+    --------
+    >>> from struck.shapes import Bar, GivenSection
+    >>> section = GivenSection(area=1.5e-4, second_moment=3.125e-10, shear_coefficient=0.85)
+    >>> bar = Bar(length=0.3, section=section)
+    >>> struck.analyze(bar, "steel", progress=None).frequencies[:2].round()
+    array([288., 792.])
     """
 
     area: float
@@ -214,12 +284,30 @@ class GivenSection:
         return 1 / self.shear_coefficient, 1 / self.shear_coefficient
 
     def skin(self, length: float, spacing: float) -> Mesh:
-        """Return the surface of an equivalent bar of a `length`, m, with edges of `spacing`, m."""
+        """Return the surface of an equivalent rectangular bar along x.
+
+        Parameters
+        ----------
+        length : float
+            Length of the bar, m.
+        spacing : float
+            Approximate edge of the triangles, m.
+
+        Returns
+        -------
+        Mesh
+            The surface.
+        """
         equal_section = RectangularSection(width=self.area / self.height, thickness=self.height)
         return equal_section.skin(length, spacing)
 
     def solid(self, length: float) -> tuple[Block, Turn]:
-        """Refuse a solid of a `length`, m: constants alone are no body.
+        """Raise an error: constants alone do not define a solid.
+
+        Parameters
+        ----------
+        length : float
+            Length of the bar, m.
 
         Raises
         ------
@@ -251,17 +339,21 @@ class Bar(Shape):
     Parameters
     ----------
     length : float
-        m; at least the section's radius of gyration (0.29 times the thickness of a rectangle).
-    width, thickness : float, optional
-        Of a rectangular section along y and z, m: both, or neither and a `section`.
+        Length, m; at least the radius of gyration of the section (0.29 times the thickness of a
+        rectangle).
+    width : float, optional
+        Width of a rectangular section along y, m. Default: that of `section`.
+    thickness : float, optional
+        Thickness of a rectangular section along z, m. Default: that of `section`.
     section : Section, optional
-        `RectangularSection`, `RoundSection` (rods and tubes) or `GivenSection`.
-    ends : str or pair of str
-        "free", "clamped", "hinged" or "sliding" (held from turning, not from moving along z):
-        one for both ends, or those at x = 0 and at x = length.
-    theory : str
-        "timoshenko" takes in that sections slip in shear and are heavy to turn;
-        "euler-bernoulli" leaves both out, as 1998 does, and holds for slender bars alone.
+        Instead of width and thickness: `RectangularSection`, `RoundSection` (rods and tubes) or
+        `GivenSection`.
+    ends : str or pair of str, default "free"
+        "free", "clamped", "hinged" or "sliding" (cannot rotate, but moves along z): for both ends,
+        or those at x = 0 and at x = length.
+    theory : {"timoshenko", "euler-bernoulli"}, default "timoshenko"
+        "timoshenko" includes shear and rotary inertia; "euler-bernoulli" omits both, as 1998 does,
+        and holds only for slender bars.
 
     Raises
     ------
@@ -358,7 +450,20 @@ class Bar(Shape):
         )
 
     def vibration(self, material: Material, highest: float) -> Vibration:
-        """Return every bending mode along z up to `highest` Hz."""
+        """Compute all bending modes along z up to a frequency.
+
+        Parameters
+        ----------
+        material : Material
+            Material of the body.
+        highest : float
+            Upper limit of the frequencies, Hz.
+
+        Returns
+        -------
+        Vibration
+            Frequencies and shapes of the modes.
+        """
         unit = self._unit(material)
         modes = bending(self._beam(material), self.pair, (highest / unit) ** 2, self.length)
         description, references = THEORIES[self.theory]
@@ -384,6 +489,11 @@ class Bar(Shape):
 
     def solid(self) -> Counterpart:
         """Return the block or tube that the bar idealises, in this frame.
+
+        Returns
+        -------
+        Counterpart
+            The solid in the coordinates of the bar.
 
         Raises
         ------

@@ -193,13 +193,13 @@ class AnnularMembrane(Shape):
     Parameters
     ----------
     radius : float
-        Outer, m.
+        Outer radius, m.
     hole : float
         Radius of the hole, m; below `radius`.
     thickness : float
-        m.
+        Thickness, m.
     tension : float
-        N/m, the same in all directions.
+        Tension, N/m, equal in all directions.
 
     Raises
     ------
@@ -246,7 +246,20 @@ class AnnularMembrane(Shape):
         return Sheet(Disk(self.radius, self.hole), self.thickness)
 
     def vibration(self, material: Material, highest: float) -> Vibration:
-        """Return every mode up to `highest` Hz."""
+        """Compute all modes up to a frequency.
+
+        Parameters
+        ----------
+        material : Material
+            Material of the body.
+        highest : float
+            Upper limit of the frequencies, Hz.
+
+        Returns
+        -------
+        Vibration
+            Frequencies and shapes of the modes.
+        """
         disk = Disk(self.radius, self.hole)
         return _round_membrane(disk, self.thickness, self.tension, material, highest)
 
@@ -258,10 +271,12 @@ class CircularMembrane(Shape):
 
     Parameters
     ----------
-    radius, thickness : float
-        m.
+    radius : float
+        Radius, m.
+    thickness : float
+        Thickness, m.
     tension : float
-        N/m, the same in all directions.
+        Tension, N/m, equal in all directions.
 
     Raises
     ------
@@ -301,6 +316,19 @@ class CircularMembrane(Shape):
         return Sheet(Disk(self.radius), self.thickness)
 
     def vibration(self, material: Material, highest: float) -> Vibration:
-        """Return every mode up to `highest` Hz."""
+        """Compute all modes up to a frequency.
+
+        Parameters
+        ----------
+        material : Material
+            Material of the body.
+        highest : float
+            Upper limit of the frequencies, Hz.
+
+        Returns
+        -------
+        Vibration
+            Frequencies and shapes of the modes.
+        """
         disk = Disk(self.radius)
         return _round_membrane(disk, self.thickness, self.tension, material, highest)

@@ -199,10 +199,12 @@ class CircularPlate(Shape):
 
     Parameters
     ----------
-    radius, thickness : float
-        m.
-    edge : str
-        "free", "supported" (held, and free to turn) or "clamped".
+    radius : float
+        Radius, m.
+    thickness : float
+        Thickness, m.
+    edge : {"free", "supported", "clamped"}, default "free"
+        Edge; a supported one is held and free to rotate.
 
     Raises
     ------
@@ -247,7 +249,19 @@ class CircularPlate(Shape):
         return Sheet(Disk(self.radius), self.thickness)
 
     def vibration(self, material: Material, highest: float) -> Vibration:
-        """Return every mode up to `highest` Hz, without the rigid motions of a free plate.
+        """Compute all modes up to a frequency, without rigid motions of a free plate.
+
+        Parameters
+        ----------
+        material : Material
+            Material of the body.
+        highest : float
+            Upper limit of the frequencies, Hz.
+
+        Returns
+        -------
+        Vibration
+            Frequencies and shapes of the modes.
 
         Raises
         ------
@@ -274,6 +288,11 @@ class CircularPlate(Shape):
 
     def solid(self) -> Counterpart:
         """Return the solid disk that the plate idealises.
+
+        Returns
+        -------
+        Counterpart
+            The solid in the coordinates of the plate.
 
         Raises
         ------

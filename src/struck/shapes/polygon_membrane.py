@@ -267,11 +267,11 @@ class PolygonMembrane(Shape):
     Parameters
     ----------
     corners : sequence of (x, y)
-        In either direction round, m.
+        Corners in order, in either direction, m.
     thickness : float
-        m.
+        Thickness, m.
     tension : float
-        N/m, the same everywhere and in every direction.
+        Tension, N/m, equal in all directions.
 
     Raises
     ------
@@ -326,9 +326,21 @@ class PolygonMembrane(Shape):
     @classmethod
     @checked
     def l_shape(cls, *, side: float, thickness: float, tension: float) -> PolygonMembrane:
-        """Make the L-shape: three squares of a `side`, m, in the quadrant x, y > 0.
+        """Make the L-shape of three squares in the quadrant x, y > 0.
 
-        `thickness`, m, and `tension`, N/m, as in the class.
+        Parameters
+        ----------
+        side : float
+            Side of each square, m.
+        thickness : float
+            Thickness, m.
+        tension : float
+            Tension, N/m, equal in all directions.
+
+        Returns
+        -------
+        PolygonMembrane
+            The membrane.
 
         Raises
         ------
@@ -354,7 +366,19 @@ class PolygonMembrane(Shape):
         return Sheet(self._plan, self.thickness)
 
     def vibration(self, material: Material, highest: float) -> Vibration:
-        """Return every mode up to `highest` Hz.
+        """Compute all modes up to a frequency.
+
+        Parameters
+        ----------
+        material : Material
+            Material of the body.
+        highest : float
+            Upper limit of the frequencies, Hz.
+
+        Returns
+        -------
+        Vibration
+            Frequencies and shapes of the modes.
 
         Raises
         ------

@@ -50,10 +50,14 @@ class RectangularMembrane(Shape):
 
     Parameters
     ----------
-    length, width, thickness : float
-        m.
+    length : float
+        Length along x, m.
+    width : float
+        Width along y, m.
+    thickness : float
+        Thickness, m.
     tension : float
-        N/m, the same in all directions.
+        Tension, N/m, equal in all directions.
 
     Raises
     ------
@@ -94,7 +98,20 @@ class RectangularMembrane(Shape):
         return Sheet(Rectangle(self.length, self.width), self.thickness)
 
     def vibration(self, material: Material, highest: float) -> Vibration:
-        """Return every mode up to `highest` Hz."""
+        """Compute all modes up to a frequency.
+
+        Parameters
+        ----------
+        material : Material
+            Material of the body.
+        highest : float
+            Upper limit of the frequencies, Hz.
+
+        Returns
+        -------
+        Vibration
+            Frequencies and shapes of the modes.
+        """
         speed = math.sqrt(self.tension / (material.density * self.thickness))
         area, wavenumber = self.length * self.width, 2 * math.pi * highest / speed
         require_countable("membrane", area, wavenumber, highest)

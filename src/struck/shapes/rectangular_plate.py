@@ -305,11 +305,15 @@ class RectangularPlate(Shape):
 
     Parameters
     ----------
-    length, width, thickness : float
-        Along x, y and z, m.
-    edges : str or tuple of four str
-        "free", "supported" (held, and free to turn) or "clamped": one for all, or those at x = 0,
-        x = length, y = 0 and y = width.
+    length : float
+        Length along x, m.
+    width : float
+        Width along y, m.
+    thickness : float
+        Thickness along z, m.
+    edges : str or tuple of four str, default "free"
+        "free", "supported" (held, and free to rotate) or "clamped": for all edges, or those at x =
+        0, x = length, y = 0 and y = width.
 
     Raises
     ------
@@ -364,7 +368,19 @@ class RectangularPlate(Shape):
         return Sheet(Rectangle(self.length, self.width), self.thickness)
 
     def vibration(self, material: Material, highest: float) -> Vibration:
-        """Return every mode up to `highest` Hz, without the rigid motions of the plate.
+        """Compute all modes up to a frequency, without rigid motions of a free plate.
+
+        Parameters
+        ----------
+        material : Material
+            Material of the body.
+        highest : float
+            Upper limit of the frequencies, Hz.
+
+        Returns
+        -------
+        Vibration
+            Frequencies and shapes of the modes.
 
         Raises
         ------
@@ -392,6 +408,11 @@ class RectangularPlate(Shape):
 
     def solid(self) -> Counterpart:
         """Return the solid block that the plate idealises.
+
+        Returns
+        -------
+        Counterpart
+            The solid in the coordinates of the plate.
 
         Raises
         ------

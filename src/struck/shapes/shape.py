@@ -87,6 +87,12 @@ class Shape(ABC):
     """A body whose modes are known in closed form, or nearly so.
 
     Its plan lies in x (and y); it moves along z. Lengths in m.
+
+    Examples
+    --------
+    >>> bar = struck.shapes.Bar(length=0.3, width=0.03, thickness=0.005)
+    >>> isinstance(bar, struck.shapes.Shape), round(bar.volume, 9)
+    (True, 4.5e-05)
     """
 
     __slots__ = ()
@@ -125,7 +131,19 @@ class Shape(ABC):
 
     @abstractmethod
     def vibration(self, material: Material, highest: float) -> Vibration:
-        """Return every mode of a `material` up to `highest` Hz.
+        """Compute all modes up to a frequency.
+
+        Parameters
+        ----------
+        material : Material
+            Material of the body.
+        highest : float
+            Upper limit of the frequencies, Hz.
+
+        Returns
+        -------
+        Vibration
+            Frequencies and shapes of the modes.
 
         Raises
         ------
@@ -139,16 +157,32 @@ class Shape(ABC):
         return self.vibration(material, highest)
 
     def skin(self, spacing: float) -> Mesh:
-        """Return the body's closed surface with vertices about `spacing` m apart over the plan."""
+        """Return the closed surface of the body.
+
+        Parameters
+        ----------
+        spacing : float
+            Approximate distance of vertices over the plan, m.
+
+        Returns
+        -------
+        Mesh
+            The surface.
+        """
         return self.geometry.skin(spacing)
 
     def solid(self) -> Counterpart:
-        """Return the solid that it idealises, for finite elements.
+        """Return the solid that the shape idealises, for finite elements.
+
+        Returns
+        -------
+        Counterpart
+            The solid in the coordinates of the shape.
 
         Raises
         ------
         OptionError
-            If no solid has the same vibration.
+            If no solid vibrates in the same way.
         """
         raise OptionError(
             f"{kind_of(self)} is held by its tension, which solid elements do not have: take "
@@ -163,14 +197,28 @@ class Shape(ABC):
         none: bool = False,
         progress: Progress = silent,
     ) -> Modes:
-        """Return the modes of a `material` within a band, Hz, and the surface; `none` allows none.
+        """Compute the modes within a band, and the surface.
 
-        `progress` takes stages and fractions, where finding the modes takes long.
+        Parameters
+        ----------
+        material : Material
+            Material of the body.
+        band : (float, float), default (20, 20000)
+            Lowest and highest frequency, Hz.
+        none : bool, default False
+            Allow a result without modes.
+        progress : callable, optional
+            Called as ``progress(stage, fraction)`` in long work. Default: silent.
+
+        Returns
+        -------
+        Modes
+            Undamped modes.
 
         Raises
         ------
         NoModeError
-            When no mode lies within the band.
+            If no mode is within the band.
         """
         vibration, notes = self._vibration(material, band[1], progress), ()
         if not np.any(vibration.frequencies >= band[0]):

@@ -46,12 +46,12 @@ class String(Shape):
     Parameters
     ----------
     length : float
-        m.
+        Length, m.
     radius : float
-        m.
+        Radius, m.
     tension : float
-        N.
-    stiff : bool
+        Tension, N.
+    stiff : bool, default False
         Whether it resists bending; its ends are hinged then.
 
     Raises
@@ -101,7 +101,20 @@ class String(Shape):
         )
 
     def vibration(self, material: Material, highest: float) -> Vibration:
-        """Return every mode up to `highest` Hz."""
+        """Compute all modes up to a frequency.
+
+        Parameters
+        ----------
+        material : Material
+            Material of the body.
+        highest : float
+            Upper limit of the frequencies, Hz.
+
+        Returns
+        -------
+        Vibration
+            Frequencies and shapes of the modes.
+        """
         fundamental = self._fundamental(material)
         inharmonicity = self._inharmonicity(material)
         # Stiffness only raises frequencies: no more modes than harmonics lie below.

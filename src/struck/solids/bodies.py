@@ -48,21 +48,28 @@ class Extrusion:
     Parameters
     ----------
     outline : sequence of (x, y)
-        Corners of a polygon that does not cross itself, m, in either direction round.
+        Corners of a polygon that does not cross itself, in either direction, m.
     height : float
-        m.
-    holes : sequence of sequences of (x, y)
-        Polygons cut out, inside the outline and apart from each other, m.
+        Height, m.
+    holes : sequence of sequences of (x, y), default ()
+        Polygons that are cut out, disjoint and inside the outline, m.
     elements : tuple of two ints, optional
-        Elements along the longer side of the outline's box and along the height, instead of an
-        accuracy's. Elements are smaller where corners stand closer together.
+        Number of elements along the longer side of the bounding box of the outline, and along the
+        height. Elements are smaller where corners are closer together. Default: by the accuracy.
 
     Raises
     ------
     OptionError
-        On a height that is not positive, points that are not finite pairs, impossible counts.
+        If the height is not positive, points are not finite pairs, or counts are impossible.
     MeshError
-        On outlines without an inside.
+        If the outline has no inside.
+
+    Examples
+    --------
+    >>> from struck.solids import Extrusion
+    >>> triangle = Extrusion(outline=[(0.0, 0.0), (0.1, 0.0), (0.0, 0.1)], height=0.005)
+    >>> float(round(triangle.volume_mesh("preview").volume(), 9))
+    2.5e-05
     """
 
     outline: Pairs
@@ -115,11 +122,16 @@ class Extrusion:
 
         Parameters
         ----------
-        accuracy : str
-            "preview", "standard" or "fine", of about 600, 2,500 and 12,000 nodes where the
-            outline has few corners; counts given as `elements` go first.
-        finer : float
-            So many times as many elements in each direction, about.
+        accuracy : {"preview", "standard", "fine"}, default "standard"
+            Resolution, if the body has no `elements`: about 600, 2,500 and 12,000 nodes for an
+            outline with few corners.
+        finer : float, default 1.0
+            Approximate factor of the number of elements in each direction.
+
+        Returns
+        -------
+        VolumeMesh
+            Nodes and elements.
 
         Raises
         ------
@@ -184,13 +196,14 @@ class Tube:
     Parameters
     ----------
     length : float
-        m.
+        Length, m.
     radius : float
         Outer radius, m.
     wall : float
-        Thickness of the wall, m; at most `radius`, which makes a solid rod.
+        Wall thickness, m; at most `radius`, which makes a solid rod.
     elements : tuple of three ints, optional
-        Elements around (a multiple of 4), along and through, instead of an accuracy's.
+        Number of elements around (a multiple of 4), along, and through the wall. Default: by the
+        accuracy.
 
     Raises
     ------
@@ -238,7 +251,20 @@ class Tube:
         return "end"
 
     def volume_mesh(self, accuracy: str = "standard", finer: float = 1.0) -> VolumeMesh:
-        """Return curved 20-node hexahedra; see `struck.solids.Block.volume_mesh`."""
+        """Return curved 20-node hexahedra.
+
+        Parameters
+        ----------
+        accuracy : {"preview", "standard", "fine"}, default "standard"
+            Resolution, if the body has no `elements`.
+        finer : float, default 1.0
+            Approximate factor of the number of elements in each direction.
+
+        Returns
+        -------
+        VolumeMesh
+            Nodes and elements.
+        """
         counts = self.elements or tube_counts(self.length, self.radius, self.wall, accuracy)
         around_count, along_count, through_count = refine_round_counts(
             counts, round_sizes(self.length, self.radius, self.wall), finer
@@ -271,12 +297,20 @@ class Block:
     size : tuple of three floats
         Edges along x, y and z, m.
     elements : tuple of three ints, optional
-        Elements along x, y and z, instead of an accuracy's.
+        Number of elements along x, y and z. Default: by the accuracy.
 
     Raises
     ------
     OptionError
-        On edges that are not positive, or impossible counts.
+        If edges are not positive, or counts are impossible.
+
+    Examples
+    --------
+    >>> block = struck.solids.Block(size=(0.1, 0.02, 0.01))
+    >>> round(struck.analyze(block, "oak", accuracy="preview", progress=None).mass, 4)
+    0.0152
+    >>> block.volume_mesh("preview").nodes.shape
+    (408, 3)
     """
 
     size: tuple[float, float, float]
@@ -320,11 +354,15 @@ class Block:
 
         Parameters
         ----------
-        accuracy : str
-            "preview", "standard" or "fine", of about 600, 2,500 and 12,000 nodes; counts given
-            as `elements` go first.
-        finer : float
-            So many times as many elements in each direction, about.
+        accuracy : {"preview", "standard", "fine"}, default "standard"
+            Resolution, if the body has no `elements`: about 600, 2,500 and 12,000 nodes.
+        finer : float, default 1.0
+            Approximate factor of the number of elements in each direction.
+
+        Returns
+        -------
+        VolumeMesh
+            Nodes and elements.
 
         Raises
         ------

@@ -45,7 +45,7 @@ Thickness = float | Sequence[float] | Array
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stem:
-    """A solid stem with a foot, for a bowl that starts on the axis.
+    """A solid stem and the foot that it stands on, for a bowl that starts on the axis.
 
     Parameters
     ----------
@@ -63,6 +63,16 @@ class Stem:
         On radii or thicknesses that are not positive, or points that are not finite pairs.
     MeshError
         On a foot that does not start on the axis.
+
+    Examples
+    --------
+    >>> from struck.solids import Revolution, Stem
+    >>> stem = Stem(radii=[0.004, 0.003, 0.006], foot=[(0.0, 0.0), (0.03, 0.0)], foot_wall=0.003)
+    >>> goblet = Revolution(
+    ...     profile=[(0.0, 0.1), (0.03, 0.11), (0.04, 0.16)], wall=0.0015, stem=stem
+    ... )
+    >>> sorted(goblet.places)
+    ['bottom', 'foot', 'rim', 'side', 'stem']
     """
 
     radii: Sequence[float] | Array
@@ -167,7 +177,20 @@ class Revolution:
         return "rim" if self.wall is not None and "rim" in self.places else None
 
     def volume_mesh(self, accuracy: str = "standard", finer: float = 1.0) -> VolumeMesh:
-        """Return curved 20-node hexahedra, no pole; see `struck.solids.Block.volume_mesh`."""
+        """Return curved 20-node hexahedra, without a pole.
+
+        Parameters
+        ----------
+        accuracy : {"preview", "standard", "fine"}, default "standard"
+            Resolution, if the body has no `elements`.
+        finer : float, default 1.0
+            Approximate factor of the number of elements in each direction.
+
+        Returns
+        -------
+        VolumeMesh
+            Nodes and elements.
+        """
         base_counts = self.elements or self._counts(accuracy)
         around_count, along_count, through_count = refine_round_counts(
             base_counts, self._sizes, finer
@@ -271,19 +294,31 @@ def bowl(*, radius: float = 0.1, height: float = 0.05, wall: float = 0.003) -> R
 
     Parameters
     ----------
-    radius : float
-        Radius of the mid-line at the rim, m. Default: 0.1.
-    height : float
-        Height of the mid-line at the rim, above its bottom, m. Default: 0.05.
-    wall : float
-        Thickness, m. Default: 0.003.
+    radius : float, default 0.1
+        Radius of the mid-line at the rim, m.
+    height : float, default 0.05
+        Height of the rim above the bottom, m.
+    wall : float, default 0.003
+        Wall thickness, m.
+
+    Returns
+    -------
+    Revolution
+        The body.
 
     Raises
     ------
     OptionError
-        On lengths that are not positive.
+        If a length is not positive.
     MeshError
-        When the wall is too thick for the bends.
+        If the wall is too thick for the bends.
+
+    Examples
+    --------
+    >>> bowl = struck.solids.bowl(radius=0.06, height=0.04, wall=0.002)
+    >>> model = struck.analyze(bowl, "glass", accuracy="preview", progress=None)
+    >>> model.playing_place
+    'rim'
     """
     _require(radius=radius, height=height, wall=wall)
     angle = np.linspace(0, np.pi / 2, 9)
@@ -314,19 +349,30 @@ def bell(*, height: float = 0.2, radius: float = 0.125, sound_bow: float = 0.018
 
     Parameters
     ----------
-    height : float
-        From mouth to crown along the mid-line, m.
-    radius : float
-        Of the mouth, m.
-    sound_bow : float
-        Thickness where the clapper strikes, m; the waist has 0.44 of it.
+    height : float, default 0.2
+        Distance from mouth to crown along the mid-line, m.
+    radius : float, default 0.125
+        Radius of the mouth, m.
+    sound_bow : float, default 0.018
+        Wall thickness where the clapper strikes, m; the waist has 0.44 of it.
+
+    Returns
+    -------
+    Revolution
+        The body.
 
     Raises
     ------
     OptionError
-        On lengths that are not positive.
+        If a length is not positive.
     MeshError
-        When the wall is too thick for the bends.
+        If the wall is too thick for the bends.
+
+    Examples
+    --------
+    >>> bell = struck.solids.bell(height=0.2, radius=0.125)
+    >>> sorted(bell.places)
+    ['rim', 'side', 'top']
     """
     _require(height=height, radius=radius, sound_bow=sound_bow)
     r, z, thickness = (_BELL * (radius, height, sound_bow)).T
@@ -355,19 +401,30 @@ def wine_glass(*, height: float = 0.2, radius: float = 0.038, wall: float = 0.00
 
     Parameters
     ----------
-    height : float
-        m.
-    radius : float
-        Largest radius of the bowl's mid-line, m.
-    wall : float
-        Thickness at the rim, m; bottom and foot are thicker.
+    height : float, default 0.2
+        Height, m.
+    radius : float, default 0.038
+        Largest radius of the mid-line of the bowl, m.
+    wall : float, default 0.001
+        Wall thickness at the rim, m; bottom and foot are thicker.
+
+    Returns
+    -------
+    Revolution
+        The body.
 
     Raises
     ------
     OptionError
-        On lengths that are not positive.
+        If a length is not positive.
     MeshError
-        When the wall is too thick for the bends.
+        If the wall is too thick for the bends.
+
+    Examples
+    --------
+    >>> glass = struck.solids.wine_glass(height=0.2, wall=0.001)
+    >>> sorted(glass.places)
+    ['bottom', 'foot', 'rim', 'side', 'stem']
     """
     _require(height=height, radius=radius, wall=wall)
     r, z, thickness = (_GLASS * (radius, height, wall)).T

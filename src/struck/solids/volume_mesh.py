@@ -25,21 +25,29 @@ class VolumeMesh:
     Parameters
     ----------
     nodes : array (N, 3)
-        m.
-    elements : array (E, n)
-        Node indices in VTK's order for the kind.
+        Nodes, m.
+    elements : array (E, n) of int
+        Node indices of each element, in VTK's order for the kind.
     kind : str
         A key of ``ELEMENTS``: "tet4", "tet10", "hex8", "hex20", "wedge6" or "wedge15".
-    up : str
-        The axis that points up.
-    cubic : bool
-        Whether displacements are cubic on these elements, as thin ones of kind "tet10" need it to
-        bend; the nodes carry the geometry.
+    up : {"x", "y", "z"}, default "z"
+        Axis that points up.
+    cubic : bool, default False
+        Whether displacements are cubic in these elements, as thin ones of kind "tet10" need for
+        bending; the nodes define the geometry.
 
     Raises
     ------
     MeshError
-        On an unknown kind, a wrong number of nodes per element, or indices out of range.
+        If the kind is unknown, the number of nodes per element is wrong, or indices are out of
+        range.
+
+    Examples
+    --------
+    >>> nodes = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]], dtype=float)
+    >>> mesh = struck.solids.VolumeMesh(nodes=nodes, elements=np.array([[0, 1, 2, 3]]), kind="tet4")
+    >>> float(round(mesh.volume(), 9))
+    0.000166667
     """
 
     nodes: Array
@@ -86,7 +94,13 @@ class VolumeMesh:
         return self.elements[:, : len(self.element.corners)]
 
     def promoted(self) -> VolumeMesh:
-        """Return the quadratic mesh on the same corners, with straight edges."""
+        """Return the quadratic mesh on the same corners, with straight edges.
+
+        Returns
+        -------
+        VolumeMesh
+            Elements of quadratic kind.
+        """
         if self.kind not in QUADRATIC_KINDS:
             return self
         kind = QUADRATIC_KINDS[self.kind]
@@ -102,7 +116,13 @@ class VolumeMesh:
         )
 
     def straight(self) -> Mask:
-        """Return which elements have all their mid-edge nodes halfway (E,)."""
+        """Find the elements whose midside nodes are all halfway.
+
+        Returns
+        -------
+        array (E,) of bool
+            Mask of the elements.
+        """
         if not self.element.edges:
             return np.ones(len(self.elements), bool)
         pairs = self.nodes[self.elements[:, np.array(self.element.edges)]]
@@ -112,7 +132,20 @@ class VolumeMesh:
         return np.asarray((bow <= 1e-10 * length).all(axis=1))
 
     def jacobians(self, points: Array, chosen: Index | slice = slice(None)) -> Array:
-        """Return dx/dxi, m, at reference `points` (q, 3) of the `chosen` elements: (E, q, 3, 3)."""
+        """Compute the Jacobian matrices dx/dxi.
+
+        Parameters
+        ----------
+        points : array (q, 3)
+            Reference points.
+        chosen : array of int or slice, optional
+            Elements. Default: all.
+
+        Returns
+        -------
+        array (E, q, 3, 3)
+            Matrices, m.
+        """
         return np.einsum(
             "qnr,end->eqdr",
             self.element.gradients(points),
@@ -121,7 +154,13 @@ class VolumeMesh:
         )
 
     def volume(self) -> float:
-        """Volume of the elements by quadrature, m^3."""
+        """Compute the volume of the elements by quadrature.
+
+        Returns
+        -------
+        float
+            Volume, m^3.
+        """
         rule = self.element.mass_rule
         parts = (
             np.linalg.det(self.jacobians(rule.points, c)) @ rule.weights for c in self.chunks()
@@ -129,7 +168,13 @@ class VolumeMesh:
         return float(sum(part.sum() for part in parts))
 
     def width(self) -> float:
-        """Mean distance of the two corners of an element that are farthest apart, m."""
+        """Compute the mean distance of the two farthest corners of an element.
+
+        Returns
+        -------
+        float
+            Distance, m.
+        """
         pairs = np.array(list(combinations(range(len(self.element.corners)), 2))).T
         total_width = 0.0
         for chunk in self.chunks():
@@ -138,12 +183,29 @@ class VolumeMesh:
         return total_width / len(self.elements)
 
     def chunks(self, size: int = 4096) -> Iterator[slice]:
-        """Yield slices of at most `size` elements, to work on at a time."""
+        """Yield slices of elements, to be processed one after another.
+
+        Parameters
+        ----------
+        size : int, default 4096
+            Maximum number of elements of a slice.
+
+        Returns
+        -------
+        iterator of slice
+            The slices.
+        """
         for start in range(0, len(self.elements), size):
             yield slice(start, start + size)
 
     def boundary_sides(self) -> list[Index]:
-        """Return the sides that belong to one element only: arrays (S, nodes of a side)."""
+        """Find the sides that belong to only one element.
+
+        Returns
+        -------
+        list of array (S, n) of int
+            Node indices of the sides, one array per number of corners.
+        """
         groups = []
         for corners in sorted({len(side) for side in self.element.sides}):
             sides = [_side_nodes(self.element, s) for s in self.element.sides if len(s) == corners]
@@ -154,7 +216,13 @@ class VolumeMesh:
         return groups
 
     def neighbours(self) -> Index:
-        """Return the pairs of elements that have a side in common (P, 2)."""
+        """Find the pairs of elements that have a side in common.
+
+        Returns
+        -------
+        array (P, 2) of int
+            Pairs of elements.
+        """
         pairs = []
         for corners in {len(side) for side in self.element.sides}:
             sides = np.array([side for side in self.element.sides if len(side) == corners])
@@ -166,7 +234,13 @@ class VolumeMesh:
         return np.hstack(pairs).T
 
     def surface(self) -> tuple[Mesh, Index]:
-        """Return the boundary as triangles through all its nodes, and the nodes' numbers (N,)."""
+        """Return the boundary as triangles through all its nodes.
+
+        Returns
+        -------
+        tuple of Mesh, array (V,) of int
+            Surface, and the number of the node of each of its points.
+        """
         sides = [sides for sides in self.boundary_sides() if len(sides)]
         triangles = np.vstack([_triangles(group, self.nodes) for group in sides])
         numbers, faces = np.unique(triangles, return_inverse=True)

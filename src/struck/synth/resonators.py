@@ -141,36 +141,49 @@ class Stepped:
 
 @checked
 class Resonators:
-    """Modes of all bodies, advanced block by block.
+    """Modes of all bodies, pushed and heard block after block.
 
     Parameters
     ----------
     models : sequence
-        A body each, with `frequencies` and `decays`. Modes at or above half the sample rate are
+        Bodies, each with `frequencies` and `decays`. Modes at or above half the sample rate are
         left out and counted in `dropped`.
-    sample_rate : float
-        8000 to 192000 Hz.
-    block : int
-        Samples that each `process` makes, 1 to 4096.
-    points : int
-        Outputs of each body.
-    voices : int or None
-        Pushes that there may be in one block; None: 4 for each body, at least 16.
-    quiet : float
-        A body that nothing pushes falls asleep once it can be no louder than this share of the
-        loudest that it was, and costs nothing more; it wakes as the one it would have been.
+    sample_rate : float, default 48000
+        Sample rate, Hz, 8,000 to 192,000.
+    block : int, default 128
+        Samples per call of `process`, 1 to 4,096.
+    points : int, default 1
+        Number of outputs of each body.
+    voices : int or None, default None
+        Maximum number of pushes in one block. None: 4 per body, at least 16.
+    quiet : float, default 1e-6
+        Fraction of its largest level below which a body that is not pushed is no longer computed.
+        When pushed again, it continues as if it had been.
 
     Raises
     ------
     OptionError
-        On no models, no modes, or numbers outside their bounds.
+        If there are no models or no modes, or a number is out of range.
 
     Notes
     -----
-    A mode with pole s is c[k] = exp(s / rate) c[k-1] + drive F[k] / rate. The output is
-    Im[sum of output c[k]] less the steady response to a constant force: a body that only bends
-    under a steady load is silent. Gains change linearly, sample by sample, from those of the last
-    block's end to those given.
+    A mode with pole s is c[k] = exp(s / rate) c[k-1] + drive F[k] / rate. What is heard is
+    Im[sum of output c[k]] less what a constant force would end in: a body that only bends under a
+    steady load is silent. Gains go linearly, sample by sample, from those of the last block's end
+    to those given.
+
+    Examples
+    --------
+    >>> from struck.excitation import Push
+    >>> bar = struck.shapes.Bar(length=0.3, width=0.03, thickness=0.005)
+    >>> model = struck.analyze(bar, "steel", progress=None)
+    >>> drive = np.ones(len(model.frequencies))  # kg^-1/2
+    >>> outputs = np.ones((1, len(model.frequencies)), complex)
+    >>> force = np.zeros(128)
+    >>> force[0] = 1.0
+    >>> resonators = struck.synth.Resonators([model], block=128)
+    >>> resonators.process([Push(force=force, drive=drive)], [outputs]).shape
+    (1, 1, 128)
     """
 
     def __init__(
@@ -212,7 +225,18 @@ class Resonators:
 
     @checked
     def states(self, body: int) -> Complex:
-        """Return c of a body's modes after the last block (M,)."""
+        """Return the states of a body after the last block.
+
+        Parameters
+        ----------
+        body : int
+            Number of the body.
+
+        Returns
+        -------
+        array (M,), complex
+            State c of each mode.
+        """
         return self._engine.states(self._number(body))
 
     def process(
@@ -248,10 +272,17 @@ class Resonators:
 
     @checked
     def change(self, body: int, model: Ringing) -> None:
-        """Change a body's frequencies and decays; its states stay.
+        """Change frequencies and decay rates of a body, which continues from its states.
 
         Modes that pass half the sample rate fall silent; they come back, at rest, with lower
         frequencies.
+
+        Parameters
+        ----------
+        body : int
+            Number of the body.
+        model : Ringing
+            The new frequencies and decay rates.
 
         Raises
         ------

@@ -40,18 +40,18 @@ _SHARED = 1e-3
 def corrected(
     model: ModalModel, fitted: FittedModes | ModalModel, pairing: Pairing | None = None
 ) -> ModalModel:
-    """Return a computed model with the frequencies and decays of a recording of the body.
+    """Replace the frequencies and decay rates of a computed model by those of a recording.
 
     Shapes, and so how the timbre changes over the surface, stay those computed.
 
     Parameters
     ----------
     model : ModalModel
-        The body as computed.
+        Computed model of the body.
     fitted : FittedModes or ModalModel
-        Anything with `frequencies`, `decays` and `gains`.
+        Any object with `frequencies`, `decays` and `gains`.
     pairing : Pairing, optional
-        Which mode is which. Default: paired by `paired`.
+        Pairs of modes. Default: estimated.
 
     Returns
     -------
@@ -65,7 +65,7 @@ def corrected(
     Raises
     ------
     RecordingError
-        When no mode can be paired.
+        If no mode can be paired.
     """
     partials = Partials.of(fitted)
     pairs = paired(partials, model) if pairing is None else pairing
@@ -292,6 +292,7 @@ class Calibration:
     specific_stiffness : float
         E / density, m^2/s^2: the square of the speed of sound along a thin bar.
     poisson_ratio : float
+        Poisson's ratio.
     covariance : array (2, 2)
         Of ln(E / density) and Poisson's ratio.
     freedom : float
@@ -333,12 +334,22 @@ class Calibration:
 
     @checked
     def interval(self, level: float = 0.95) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Return between which bounds E / density and Poisson's ratio lie with this probability.
+        """Compute confidence intervals of E / density and Poisson's ratio.
+
+        Parameters
+        ----------
+        level : float, default 0.95
+            Confidence level, a probability between 0 and 1.
+
+        Returns
+        -------
+        tuple of (float, float), (float, float)
+            Bounds of E / density, m^2/s^2, and of Poisson's ratio.
 
         Raises
         ------
         OptionError
-            When the level is not between 0 and 1.
+            If the level is not between 0 and 1.
         """
         if not 0 < level < 1:
             raise OptionError(f"level is {level}: give a probability between 0 and 1")
@@ -352,7 +363,18 @@ class Calibration:
 
     @checked
     def material(self, density: float | None = None) -> Material:
-        """Return the material to analyze others with, of a density, kg/m^3, or the model's own."""
+        """Return the inferred material, to analyze other bodies with.
+
+        Parameters
+        ----------
+        density : float, optional
+            Density, kg/m^3. Default: that of the model.
+
+        Returns
+        -------
+        Material
+            The material.
+        """
         chosen_density = self.density if density is None else density
         stiffness, ratio = self.standard_errors
         return Material(
@@ -370,7 +392,13 @@ class Calibration:
         )
 
     def summary(self) -> list[str]:
-        """Return the results, a line each, with standard errors."""
+        """Summarise the results with their standard errors.
+
+        Returns
+        -------
+        list of str
+            One line per result.
+        """
         stiffness, ratio = self.standard_errors
         modulus_in_gpa = self.specific_stiffness * self.density / 1e9
         modulus, density = rounded(self.specific_stiffness), rounded(self.density)
@@ -404,31 +432,33 @@ def calibrated(
     Parameters
     ----------
     fitted : FittedModes or ModalModel
-        Anything with `frequencies`, `decays` and `gains`; standard errors count where it has them.
-        Which mode is which need not be known.
+        Any object with `frequencies`, `decays` and `gains`; standard errors are used if it has
+        them. The pairs of modes need not be known.
     model : ModalModel
-        The body, of a material that is about right.
+        Computed model of the body, of an approximate material.
     recompute : callable, optional
-        Computes the body of another material, where that is exact and cheap. Without it, modes
-        follow Poisson's ratio by their slopes: within 0.2 % for a ratio wrong by 0.05.
-    widest : float
-        Largest factor between fitted and computed frequencies, up or down. Default: 2.
-    size_error : float
-        Relative standard error of the lengths that the model was made with: a body 1 % too large
-        makes its material 2 % too stiff. A sheet goes with its thickness over its length squared.
+        Called as ``recompute(material)``; computes the model of another material, if that is exact
+        and cheap. Default: modes change with Poisson's ratio by their slopes, within 0.2 % for a
+        ratio wrong by 0.05.
+    widest : float, default 2.0
+        Largest ratio of fitted and computed frequencies, in either direction.
+    size_error : float, default 0.0
+        Relative standard error of the lengths of the model: a body 1 % too large makes its material
+        2 % too stiff. For a sheet the thickness over the square of its length counts.
 
     Returns
     -------
     Calibration
+        Constants with their standard errors.
 
     Raises
     ------
     MaterialError
-        When tension, not stiffness, drives the body back, or the model's material is unknown.
+        If tension, not stiffness, is the restoring force, or the material of the model is unknown.
     RecordingError
-        When fewer than three modes can be paired, or no more than by chance.
+        If fewer than three modes can be paired, or no more than by chance.
     OptionError
-        On a `size_error` below 0.
+        If `size_error` is negative.
     """
     material = inferable(model, size_error)
     partials = Partials.of(fitted)
@@ -465,6 +495,11 @@ def inferable(model: ModalModel, size_error: float = 0.0) -> Material:
         Computed, of the body as measured.
     size_error : float
         Standard error of the body's size, relative.
+
+    Returns
+    -------
+    Material
+        The material of the model.
 
     Raises
     ------

@@ -79,29 +79,29 @@ class PoleFit:
         Amplitude decay rates, 1/s.
     gains : array (rows, M), complex
         A row sounds as Im[g exp((-d + 2 pi i f) t)] from its time on, in the unit of the samples,
-        without the ringing of earlier hits.
+        without what still rings of earlier hits.
     frequency_errors : array (M,)
         Standard errors of the frequencies, Hz.
     decay_errors : array (M,)
-        Standard errors of the decays, 1/s.
+        Standard errors of the decay rates, 1/s.
     gain_errors : array (rows, M)
         Standard errors of the gains' sizes.
     rows : tuple of Row
-        Take, hit and channel of each row of gains, in this order.
+        What each row of gains belongs to, in order of takes, hits and channels.
     segments : tuple of Segment
-        Fitted parts of the takes.
-    exponentials : Exponentials
-        All modes in the segments, those of earlier hits and of the surroundings included.
+        What was fitted.
+    heard : Exponentials
+        All that rings in the segments: earlier hits and tones of the surroundings too.
     order : array (rows,)
-        Row of the gains of `exponentials` that belongs to each row.
+        Which row of `heard` each row is.
     verdict : ModalVerdict
         Whether it is the sound of a struck object.
-    blow : array (M,), bool
-        Modes of the blow, not of the object.
-    vague : array (M,), bool
-        Modes whose frequency or decay is known to 30 % at best.
+    blow : array (M,) of bool
+        Modes that represent the strike instead of the object.
+    vague : array (M,) of bool
+        Modes that are known to 30 % at best.
     notes : tuple of str
-        Faults of the takes, and a list of omitted modes.
+        What a person should know: what is wrong with the takes, and what was left out.
     controls : tuple of GainControl or None
         Automatic gain of each take, which was undone.
     """
@@ -124,7 +124,18 @@ class PoleFit:
     controls: tuple[GainControl | None, ...] = ()
 
     def of(self, modes: Index | Mask) -> PoleFit:
-        """Return the modes of these numbers (M,), in this order, or where a mask (M,) is true."""
+        """Select modes.
+
+        Parameters
+        ----------
+        modes : array (K,) of int, or (M,) of bool
+            Numbers of the modes, in the requested order, or a mask.
+
+        Returns
+        -------
+        PoleFit
+            The selected modes.
+        """
         names = ("frequencies", "decays", "frequency_errors", "decay_errors", "blow", "vague")
         return replace(
             self,
@@ -134,20 +145,59 @@ class PoleFit:
         )
 
     def samples_and_model(self, row: int) -> tuple[Array, Array]:
-        """Return the recorded and the fitted samples (n,) of one row from its time on."""
+        """Return the recorded and the fitted samples of a row.
+
+        Parameters
+        ----------
+        row : int
+            Number of the row of `gains`.
+
+        Returns
+        -------
+        tuple of array (n,), array (n,)
+            Samples from the time of the row on, as recorded and as fitted.
+        """
         segment, channel = self._segment(row)
         original = segment.samples[channel]
         return original, self.ringing(row, self.rows[row].time, len(original))
 
     def ringing(self, row: int, time: float, length: int) -> Array:
-        """Return `length` fitted samples of a row (n,) from a time, s, on; before its onset too."""
+        """Compute fitted samples of a row, also before its onset.
+
+        Parameters
+        ----------
+        row : int
+            Number of the row of `gains`.
+        time : float
+            Time of the first sample, s.
+        length : int
+            Number of samples.
+
+        Returns
+        -------
+        array (n,)
+            Samples.
+        """
         segment, _ = self._segment(row)
         poles, gains = self.exponentials.poles, self.exponentials.gains[self.order[row]]
         shifted_gains = gains * np.exp(poles * (time - self.rows[row].time))
         return samples(poles, shifted_gains[None], length, segment.sample_rate)[0]
 
     def noise_in(self, row: int, edges: Array) -> Array:
-        """Return the power of the noise of one row in bands (B,) between edges (B + 1,), Hz."""
+        """Compute the power of the noise of a row in bands.
+
+        Parameters
+        ----------
+        row : int
+            Number of the row of `gains`.
+        edges : array (B + 1,)
+            Edges of the bands, Hz.
+
+        Returns
+        -------
+        array (B,)
+            Power in each band.
+        """
         segment, channel = self._segment(row)
         middles = np.sqrt(edges[1:] * edges[:-1])
         return segment.noise.at(middles)[channel] * 2 * np.diff(edges) / segment.sample_rate
@@ -566,34 +616,34 @@ def fit_poles(
     Parameters
     ----------
     takes : Take or sequence of Take
-        Of the same object, at one sample rate.
-    method : {"shared", "corbett2007"}
-        "shared": all poles of all channels and hits in one fit; "corbett2007": that of the paper, a
-        fit of each and a merge. Default: "shared".
-    budget : int or None
-        Maximum number of modes, those that explain most; None for all above noise. Default: 64.
+        Recordings of one object, at one sample rate.
+    method : {"shared", "corbett2007"}, default "shared"
+        "shared": all poles of all channels and hits in one fit. "corbett2007": a fit of each, and a
+        merge, as in the paper.
+    budget : int or None, default 64
+        Maximum number of modes, those that explain most. None: all that are clear of noise.
     onsets : sequence of sequences of float, optional
         Times of the hits in each take, s. Default: detected.
     attack : bool, optional
-        True: the modes model the whole sound, blow included. False: the free ringing after the
-        blow. Default: True under a budget, else False.
-    progress : callable
-        Called with the name of the stage and the fraction done. Default: no report.
-    run_stage : callable
-        Called with the name of a stage and a function that computes it; returns the result, which
-        it may read from a cache to resume a stopped fit. Default: computes each stage.
+        Whether the modes represent the whole sound, attack included, or only the free decay.
+        Default: the whole sound if there is a budget.
+    progress : callable, optional
+        Called as ``progress(stage, fraction)``. Default: silent.
+    kept : callable, optional
+        Called with a name and a function that computes a stage; returns its result, from a cache if
+        possible. Default: no cache.
 
     Returns
     -------
     PoleFit
-        Its verdict reports whether the sound is that of a struck object.
+        The modes. The verdict states whether the sound is that of a struck object.
 
     Raises
     ------
     RecordingError
-        When takes differ in sample rate, or one of them holds no hit.
+        If takes differ in sample rate, or one has no hit.
     OptionError
-        When there is no take, the budget is below 1, onsets do not fit the takes, or the method is
+        If there is no take, the budget is below 1, onsets do not fit the takes, or the method is
         unknown.
     """
     require_choice("method", method, METHODS)

@@ -38,8 +38,9 @@ class MujocoRecorder:
     Parameters
     ----------
     model : mujoco.MjModel
+        The model of the engine.
     links : sequence of Link, optional
-        The bodies that are logged. Default: all bodies with a geom.
+        Bodies that are logged. Default: all that can touch.
 
     Examples
     --------
@@ -77,14 +78,19 @@ class MujocoRecorder:
         return self._model
 
     def step(self, data: mujoco.MjData) -> None:
-        """Record contacts and positions of bodies in `data`; call it after each `mujoco.mj_step`.
+        """Record contacts and poses; call it after each `mujoco.mj_step`.
+
+        Parameters
+        ----------
+        data : mujoco.MjData
+            State of the engine.
 
         Raises
         ------
         SimulationError
-            When the simulation has exploded.
+            If the simulation has exploded.
         OptionError
-            If time does not advance, as after a reset: use a new recorder.
+            If time does not increase, as after a reset: use a new recorder.
         """
         time = data.time - self._model.opt.timestep
         self._require_sane(data, time)
@@ -101,7 +107,13 @@ class MujocoRecorder:
             self._place(data, time)
 
     def place(self, data: mujoco.MjData) -> None:
-        """Note where the bodies in `data` are before the first step."""
+        """Record the poses of the bodies before the first step.
+
+        Parameters
+        ----------
+        data : mujoco.MjData
+            State of the engine.
+        """
         self._place(data, data.time)
 
     def _place(self, data: mujoco.MjData, time: float) -> None:
@@ -113,7 +125,18 @@ class MujocoRecorder:
         self._log.pose(time, positions, rotations)
 
     def contacts(self, *, forget: bool = False) -> Contacts:
-        """Return the log so far, or since the last call with `forget`."""
+        """Return the log.
+
+        Parameters
+        ----------
+        forget : bool, default False
+            Remove the returned rows, so that the next call returns only later ones.
+
+        Returns
+        -------
+        Contacts
+            The log since the start, or since the last call with `forget`.
+        """
         return self._log.contacts(self._notes(), forget=forget)
 
     def scene(self, **sounds: Any) -> tuple[Scene, Contacts]:  # noqa: ANN401 - of `SoundOptions`
@@ -124,6 +147,11 @@ class MujocoRecorder:
         **sounds
             materials, models, walls, fixed, roughness and mute as for `struck.simulate`; band,
             accuracy, damping, cache and progress as for `struck.analyze`.
+
+        Returns
+        -------
+        tuple of Scene, Contacts
+            The scene, whose bodies sound and move, and the log.
 
         Raises
         ------

@@ -58,43 +58,51 @@ class Simulation:
     file : path
         A model of MuJoCo (MJCF) or a robot (URDF).
     materials : str, Material or mapping, optional
-        Of all bodies, or by patterns of their names, as in ``{"mug*": "ceramic"}``; by default, the
-        file's material of that name. Bodies without one are silent.
+        Material of all bodies, or by patterns of their names, as in ``{"mug*": "ceramic"}``.
+        Default: the material of that name in the file. Bodies without a material are silent.
     models : mapping, optional
-        By patterns: the ModalModel, ``.struck`` file, solid, shape or mesh file that sounds in
-        place of the file's shape, in that shape's coordinates.
+        By patterns: the ModalModel, ``.struck`` file, solid, shape or mesh file that sounds instead
+        of the shape of the file, in the coordinates of that shape.
     walls : mapping of str to float, optional
-        Thickness of hollow bodies' walls, m.
+        Wall thickness of hollow bodies, m.
     fixed : mapping, optional
-        Where bodies are held, as for `struck.analyze`.
+        Where bodies are clamped, as for `struck.analyze`.
     roughness : mapping of str to str, optional
-        Of surfaces, by which sliding and rolling sound; else as their material has.
-    mute : sequence of str
-        Patterns of bodies that are only touched.
+        Finish of surfaces for sliding and rolling. Default: that of the material.
+    mute : sequence of str, optional
+        Patterns of bodies that are silent.
     restitution : float, "materials" or mapping, optional
-        Of all pairs, of their materials, or by pairs of patterns, as in
-        ``{("ball", "floor*"): 0.8}``; it replaces the file's solver settings of contacts, which
-        stay as they are otherwise.
+        Coefficient of restitution of all pairs, by their materials, or by pairs of patterns, as in
+        ``{("ball", "floor*"): 0.8}``. It replaces the solver settings of the file for contacts.
+        Default: the settings of the file.
     friction : float, "materials" or mapping, optional
-        Likewise. Default: that of the file.
-    engine : str
-        "mujoco", or "rapier" for scenes of free and fixed bodies.
+        Coefficient of friction, likewise. Default: that of the file.
+    engine : {"mujoco", "rapier"}, default "mujoco"
+        Engine; "rapier" for scenes of free and fixed bodies.
     step : float, optional
-        s. Default: that of the file.
+        Time step, s. Default: that of the file.
     keyframe : str, optional
-        Name of the keyframe at which the simulation starts. Default: the initial state.
+        Name of the state from which the simulation starts.
     folder : path, optional
-        Folder with all files that the scene names. Default: that of the file.
-    convex : str
-        "parts": concave meshes collide as the convex parts that they are cut into; "hull": as their
-        convex hulls.
-    band, accuracy, damping, cache, progress
+        Folder that holds all files that the scene names. Default: that of the file.
+    convex : {"parts", "hull"}, default "parts"
+        Whether concave meshes collide as convex parts into which they are cut, or as their convex
+        hulls.
+    band : (float, float) or (str, str), optional
         As for `struck.analyze`.
+    accuracy : str, optional
+        As for `struck.analyze`.
+    damping : str, optional
+        As for `struck.analyze`.
+    cache : bool or path, default True
+        As for `struck.analyze`.
+    progress : callable, optional
+        As for `struck.analyze`. Default: silent.
 
     Attributes
     ----------
     model : mujoco.MjModel
-        The compiled model, for a separate loop with `MujocoRecorder`.
+        What the engine runs, for a loop of one's own with `MujocoRecorder`.
     scene : Scene
         Its bodies where they start.
     notes : tuple of str
@@ -103,13 +111,28 @@ class Simulation:
     Raises
     ------
     FileFormatError
-        On a file that cannot be read, or one that lies outside the folder.
+        If the file cannot be read, or names a file outside the folder.
     SimulationError
-        If the engine refuses the scene, with its message, or bodies start in each other.
+        If the engine refuses the scene, with its message, or bodies overlap at the start.
     OptionError
-        On arguments outside their bounds, or patterns that fit no body.
+        If an argument is out of range, or a pattern matches no body.
     MissingDependencyError
-        Without MuJoCo, Rapier or CoACD.
+        If MuJoCo, Rapier or CoACD is needed and not installed.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> _ = Path("drop.xml").write_text(
+    ...     "<mujoco><worldbody><geom type='plane' size='1 1 0.1'/>"
+    ...     "<body name='block' pos='0 0 0.1'><freejoint/>"
+    ...     "<geom type='box' size='0.05 0.03 0.01'/></body></worldbody></mujoco>"
+    ... )
+    >>> simulation = struck.scene.Simulation(
+    ...     "drop.xml", materials={"block": "oak"}, accuracy="preview"
+    ... )
+    >>> scene, contacts = simulation.run(0.3)
+    >>> "block" in scene.bodies, len(contacts.time) > 0
+    (True, True)
     """
 
     def __init__(
@@ -187,7 +210,13 @@ class Simulation:
         self.scene = scene.posed(start.contacts())
 
     def started(self) -> MujocoEngine | RapierEngine:
-        """Return an engine at the beginning, to `advance` step by step."""
+        """Return the engine at the start, to be moved by `advance` step by step.
+
+        Returns
+        -------
+        MujocoEngine or RapierEngine
+            The engine.
+        """
         if self._engine == "rapier":
             from struck.scene.engines.rapier import RapierEngine
 
@@ -197,7 +226,7 @@ class Simulation:
     def run(
         self, seconds: float, *, control: Control | None = None, progress: Progress = silent
     ) -> tuple[Scene, Contacts]:
-        """Simulate from the beginning.
+        """Simulate from the start.
 
         Parameters
         ----------
@@ -206,14 +235,14 @@ class Simulation:
         control : callable, optional
             ``control(model, data)`` before each step, as MuJoCo's own; not with Rapier.
         progress : callable
-            Called with the stage and the fraction of it that is done.
+            Told the stage and the fraction of it that is done.
 
         Returns
         -------
         scene : Scene
             Its bodies as they move.
         contacts : Contacts
-            The log, with notes.
+            The log; its notes tell what was noticed.
 
         Raises
         ------
@@ -239,7 +268,13 @@ class Simulation:
         return replace(self.scene, notes=(*self.notes, *notes)).posed(contacts), contacts
 
     def require_no_blast(self, contacts: Contacts) -> None:
-        """Refuse a log of its bodies in which one gains far more speed than contacts can give."""
+        """Raise an error if a body gains far more speed in a log than contacts can give.
+
+        Parameters
+        ----------
+        contacts : Contacts
+            The log.
+        """
         require_no_blast(contacts, self._masses)
 
     def _find_warnings(self, contacts: Contacts) -> list[str]:
