@@ -288,7 +288,7 @@ class Mono:
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stereo:
-    """Two ears on a rigid ball: delays and levels by formula.
+    """Two ears on a rigid sphere, with delays and levels by formula.
 
     Parameters
     ----------
@@ -367,7 +367,7 @@ class Stereo:
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Binaural:
-    """Two ears whose responses were measured: for headphones.
+    """Two ears with measured responses, for headphones.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ _AMPLITUDE = 3 * math.log(10)  # exponent by which an amplitude falls by 60 dB
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reverberation:
-    """A diffuse field: the same sound from everywhere, dying away exponentially.
+    """A diffuse sound field: equal from all directions, with an exponential decay.
 
     Parameters
     ----------

@@ -87,7 +87,7 @@ class Images:
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Room:
-    """A box with one corner at the origin of the scene, along its axes.
+    """A box-shaped room along the axes of the scene.
 
     Parameters
     ----------

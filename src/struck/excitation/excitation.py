@@ -47,16 +47,17 @@ class Push:
     Parameters
     ----------
     force : array (block,)
-        N, at each sample; band-limited to half the sample rate.
+        Force at each sample, N, band-limited to half the sample rate.
     drive : array (M,)
-        How strongly each mode answers at the place where the block ends, kg^-1/2, and after them
-        the three axes of recoil, where the body has it and it is to be heard. Within the block
-        the drive is ramped to from the last one of the same body and voice. The very same array
-        means that nothing moved: do not write to it afterwards.
-    body : int
-        Its number in the scene.
-    voice : int
-        Pushes of the same body and voice in one block after the other are one contact that moves.
+        Drive of each mode at the contact at the end of the block, kg^-1/2, followed by the three
+        axes of recoil if the body has it and it shall be audible. Within the block the drive is
+        interpolated from the last one of the same body and voice. The same array object means an
+        unchanged drive: do not write to it afterwards.
+    body : int, default 0
+        Number of the body in the scene.
+    voice : int, default 0
+        Number of the voice. Pushes of the same body and voice in consecutive blocks are one contact
+        that moves.
     """
 
     __repr__ = brief
@@ -173,12 +174,12 @@ class Burst:
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hold:
-    """A soft grip that takes energy from the modes that move where it holds.
+    """A soft grip, which removes energy from the modes that move at its contact.
 
-    A grip of c N s/m resists motion at its place in every direction. It raises the decay of a mode
-    by c / 2 times the square of its mass-normalised shape there: modes with a node under the hand
-    ring on. Of a recorded body shapes are known but for their size: where a mode moves most it
-    counts as 1 kg.
+    A grip of c N s/m resists motion at its contact in every direction. It raises the decay rate of
+    a mode by c / 2 times the square of its mass-normalised shape there: modes with a node under the
+    hand continue to ring. The shapes of a recorded body are known up to a factor: where a mode
+    moves most, its modal mass counts as 1 kg.
 
     Parameters
     ----------

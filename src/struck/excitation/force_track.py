@@ -40,11 +40,11 @@ _BLOCK_SAMPLES = 750 * CHUNK  # samples of a surface that are read at once
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ForceTrack:
-    """A given force at one place of a body.
+    """A given force over time at one contact of a body.
 
-    The force of a simulation is harder than soft bodies are, and smoother than rough ones. `kernel`
-    spreads it, and `roughness` adds what a surface that moves past adds to it (O'Brien et al. 2002,
-    section 3.4).
+    A simulated force is harder than that of soft bodies, and smoother than that of rough
+    ones. `kernel` smooths the force, and `roughness` adds the noise of a surface that moves
+    past the contact (O'Brien et al. 2002, section 3.4).
 
     Parameters
     ----------

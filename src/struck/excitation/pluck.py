@@ -176,12 +176,12 @@ def _compute_shapes(model: ModalModel, at: Place) -> Array:
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pluck:
-    """A body pulled aside and let go.
+    """A force that rises slowly and is then released.
 
-    The force rises over `rise` as half a cosine, slowly enough not to be heard, and ends at once.
-    A step of force F excites a mode of frequency f as an impulse F / (2 pi f) would. So the upper
-    modes of a plucked string are weaker by 1/n than those of a struck one: amplitudes fall as
-    1/n^2 where those fall as 1/n (1998, section 6).
+    The force rises over `rise` as half a cosine, slowly enough to be inaudible, and ends at once. A
+    step of force F excites a mode of frequency f as an impulse F / (2 pi f) would. The upper modes
+    of a plucked string are therefore weaker by 1/n than those of a struck one: amplitudes fall as
+    1/n^2 instead of 1/n (1998, section 6).
 
     Parameters
     ----------
@@ -289,7 +289,7 @@ def _step() -> Array:
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Release:
-    """A flat body pulled into any form, softly, and let go (1998, eq. 5).
+    """A flat body that is slowly deflected into any form and released (1998, eq. 5).
 
     Parameters
     ----------

@@ -129,7 +129,7 @@ class Roughness:
         Parameters
         ----------
         given : str or Roughness
-            The finish or its name.
+            Finish, or its name.
 
         Returns
         -------

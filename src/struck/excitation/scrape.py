@@ -45,13 +45,13 @@ _FRACTIONS = np.arange(1, CHUNK + 1) / CHUNK
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scrape:
-    """A round tip dragged over the surface of a body.
+    """A round tip that is dragged over the surface of a body.
 
-    The tip rides over the roughness by Hertz's law (`struck.excitation.friction`): faster is
-    brighter, an octave for twice the speed, and louder, by some 4.5 dB; heavier is louder, by 2 dB
-    for twice the load on a smooth surface and 4 dB on a rough one. The surface is read by place:
-    the same place sounds the same, and a path that never returns never repeats. A constant load
-    itself makes no sound and is left out of the force.
+    The tip follows the roughness by Hertz's law (`struck.excitation.friction`). Doubling the speed
+    raises the spectrum by an octave and the level of the force by about 4.5 dB. Doubling the load
+    raises the level by 2 dB on a smooth surface and by 4 dB on a rough one. The surface is read by
+    position: the same position has the same heights, and a path that never returns never repeats. A
+    constant load itself is silent and left out of the force.
 
     Parameters
     ----------
@@ -172,11 +172,11 @@ class Scrape:
 class Roll:
     """A ball or wheel that rolls over the surface of a body without slipping.
 
-    The unevenness of both adds up: the surface's by place, the roller's own round after round of
-    2 pi radius, the only period there is. The ball rides on what it touches first
-    (`struck.excitation.envelope`), and force follows as for a scrape
-    (`struck.excitation.friction`); its large radius makes it bridge valleys and average over a wide
-    contact, so rolling is smoother and duller.
+    The heights of surface and roller are added. The surface is read by position. The roller
+    repeats after 2 pi radius of the path, which is the only period. It rests on the points that
+    it touches first (`struck.excitation.envelope`), and the force follows as for a scrape
+    (`struck.excitation.friction`). Its large radius bridges valleys and averages over a wide
+    contact, so that rolling is smoother and duller than scraping.
 
     Parameters
     ----------

@@ -42,12 +42,12 @@ class Blow:
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Strike:
-    """A short push at one place of a body.
+    """A short force at one contact of a body.
 
-    How hard is said by `impulse`, or by `striker` with `speed` or `energy`. With a striker the
-    others and the duration follow from elastic impact (Hertz) between its head and the body, whose
-    own mass, inertia and material count where the model knows them. A bare ``Strike()`` is the
-    wooden striker at 0.5 m/s; of a model of recordings, the blow that was recorded.
+    Its strength is given by `impulse`, or by `striker` with `speed` or `energy`. With a striker,
+    impulse and duration follow from the elastic impact (Hertz) of its head on the body, whose mass,
+    inertia and material are used if the model has them. ``Strike()`` is the wooden striker at 0.5
+    m/s; for a model of recordings, the strike that was recorded.
 
     Parameters
     ----------

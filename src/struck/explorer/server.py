@@ -44,25 +44,25 @@ _ONE_HEAD = threading.Lock()
 
 
 class Explorer:
-    """A room of objects that a browser shows, while it is served.
+    """A room of objects that is served to a browser.
 
     Parameters
     ----------
-    objects : sequence of Thing
-        What is computed for the room.
-    given : sequence of ModalModel
-        Bodies that are in the room from the start, in place of `objects`.
-    names : sequence of str
-        What those are called.
-    port : int
-        Of this machine; 0 for a free one.
+    wanted : sequence of Thing, default ()
+        Objects that are computed for the room.
+    given : sequence of ModalModel, default ()
+        Models that are in the room from the start, instead of these.
+    names : sequence of str, default ()
+        Titles of the models.
+    port : int, default 0
+        Port of this machine; 0 for a free one.
 
     Raises
     ------
     MissingDependencyError
-        When starlette or uvicorn is not installed.
+        If starlette or uvicorn is not installed.
     OptionError
-        When the port is taken, or no port's number.
+        If the port is in use or out of range.
     """
 
     def __init__(

@@ -27,7 +27,7 @@ PEAK = 10 ** (-1 / 20)  # of level="peak": -1 dB of full scale
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sound:
-    """Samples with their rate.
+    """Samples with their sample rate.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ _STEPS, _PRECISION = 200, 1e-14
 
 @runtime_checkable
 class Damping(Protocol):
-    """A damping law: the decay rate of each mode from its frequency.
+    """A damping law: the decay rate of each mode as a function of its frequency.
 
     Examples
     --------
@@ -47,7 +47,7 @@ class Damping(Protocol):
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InternalFriction:
-    """Losses inside the material and to the outside (van den Doel & Pai 1998, eq. 12 and 13).
+    """Losses in the material, and external ones (van den Doel & Pai 1998, eq. 12 and 13).
 
     Parameters
     ----------

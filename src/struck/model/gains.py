@@ -346,17 +346,17 @@ class ShapeGains(Gains):
     Parameters
     ----------
     surface : Mesh
-        The body's surface.
+        Surface of the body.
     shapes : array (V, 3, M), float32
         Mass-normalised mode shapes at its vertices, kg^-1/2.
     outputs : array (M,), complex
         Pressure at 1 m for unit modal velocity.
     centre : array (3,)
-        Where the sound seems to come from: the centre of mass, m.
+        Acoustic centre, the centre of mass, m.
     radiation : Radiation
-        Radiation that gives `outputs`, again when frequencies or size change.
-    formula : TransverseShapes or None
-        The shapes at any place, where they are known beyond the vertices.
+        Estimate that computed `outputs`, used again if frequencies or size change.
+    formula : TransverseShapes or None, default None
+        Mode shapes in closed form, at any point.
     """
 
     __repr__ = brief

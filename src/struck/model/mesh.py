@@ -24,7 +24,7 @@ _FLAT = 1e-9  # of unit normals: faces that differ by less lie in one plane
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mesh:
-    """A triangle surface whose normals point out of the material.
+    """A triangle mesh whose normals point out of the material.
 
     Parameters
     ----------

@@ -56,14 +56,14 @@ _OTHERS = ("blow", "vague")  # details of a fit: indices of modes that are not t
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModalModel:
-    """Frequencies, decays and gains of a body.
+    """Frequencies, decay rates and gains of a body.
 
     Parameters
     ----------
     frequencies : array (M,)
-        Ringing (damped) frequencies in the order of the natural ones, Hz.
+        Ringing (damped) frequencies, Hz, in the order of the natural ones.
     natural_frequencies : array (M,)
-        Ascending, Hz.
+        Natural frequencies, ascending, Hz.
     decays : array (M,)
         Amplitude decay rates, 1/s.
     gains : Gains
@@ -83,22 +83,22 @@ class ModalModel:
     tensioned : bool, default False
         Whether tension, not its stiffness, is the restoring force.
     complete_to : float
-        No mode below this frequency is missing, Hz.
+        Frequency below which no mode is missing, Hz.
     poisson_slopes : array (M,) or None, default None
         d ln f / d(Poisson's ratio), as in `Modes`.
     errors : array (M,) or None, default None
         Relative error of each frequency: of the discretisation, as in `Modes`, or the standard
         error of a fit.
-    places : mapping
-        Contacts by name, m, each (3,).
-    playing_place : str or None
-        Name of the place where the body is struck by default. None, or a name that `places` lacks:
-        where its lowest modes speak most.
-    coordinates : tuple of str
-        Names and units of a contact's axes.
-    chart : Chart or None
-        Where the contact coordinates of recordings lie, m; known by itself where all name a unit
-        of length, else None until `charted` tells.
+    places : mapping of str to array (3,), optional
+        Contacts by name, m.
+    playing_place : str or None, default None
+        Name of the default contact. None, or a name that `places` lacks: where the lowest modes are
+        most audible.
+    coordinates : tuple of str, default ("x (m)", "y (m)", "z (m)")
+        Names and units of the coordinates of a contact.
+    chart : Chart or None, default None
+        Positions of the contact coordinates of recordings in space, m. None: if all coordinates
+        have a unit of length, from these; otherwise unknown until `charted` is called.
     residual : Residual or None, default None
         Attack and noise of the recorded hit.
     recoil : Recoil or None, default None
@@ -108,8 +108,8 @@ class ModalModel:
 
     Notes
     -----
-    p(t) = sum_n Im[g_n exp((-d_n + 2 pi i f_n) t)] answers a unit impulse, by gains g, decays d and
-    frequencies f.
+    p(t) = sum_n Im[g_n exp((-d_n + 2 pi i f_n) t)] is the response to a unit impulse, with gains g,
+    decay rates d and frequencies f.
 
     Examples
     --------
@@ -250,14 +250,14 @@ class ModalModel:
 
         Parameters
         ----------
-        at : str, array (3,) or None
-            A name of the model's places, "vertex:120", or a point in m. None: the body's playing
-            place, which is the rim of a bell, bowl or glass, the end of a tube, else the place
-            that speaks most of the lowest modes. "loudest": where a default strike is loudest, one
-            of the places by name unless another is at least 0.5 dB above them. Of a model of
+        at : str, array-like (3,) or None, default None
+            A name of the model's places, "vertex:120", or a point, m. None: the playing place,
+            which is the rim of a bell, bowl or glass, the end of a tube, otherwise the place at
+            which the lowest modes are most audible. "loudest": where a default strike is loudest,
+            one of the places by name unless another is at least 0.5 dB above them. For a model of
             recordings both are the first place that it names.
-        direction : array (3,), optional
-            Of the push; the inward normal unless given.
+        direction : array-like (3,), optional
+            Direction of the push. Default: the inward normal.
 
         Returns
         -------
@@ -267,7 +267,7 @@ class ModalModel:
         Raises
         ------
         ContactError
-            When there is no such place, or the point is off the body.
+            If there is no such place, or the point is not on the body.
         """
         is_loudest = isinstance(at, str) and at == LOUDEST
         if self.geometry is None or not isinstance(self.gains, ShapeGains):
@@ -456,22 +456,22 @@ class ModalModel:
         keep: Keep | None = None,
         progress: Progress | None = silent,
     ) -> ModalModel:
-        """Return a copy with its timbre field computed: each mode's own pattern in space.
+        """Compute the timbre field: the directivity of each mode.
 
-        Modes outside the band, and those whose waves are much shorter than the body, keep their
-        estimate, the same in all directions: `provenance.dropped` names the latter.
+        Modes outside the band, and modes whose waves are much shorter than the body, keep their
+        estimate, which is equal in all directions: `provenance.dropped` lists the latter.
 
         Parameters
         ----------
-        band : pair of float or str
-            Modes within it are computed, Hz or notes.
-        near : bool
-            Whether pressures on the surface are kept too, for listeners within 1.2 radii.
+        band : (float, float) or (str, str), default (20, 20000)
+            Band of the modes to compute, Hz or notes.
+        near : bool, default False
+            Keep also the pressures on the surface, for listeners within 1.2 radii.
         keep : callable, optional
-            What keeps finished frequencies between runs; `struck.analyze` and `struck radiate`
-            keep them in the cache.
-        progress : callable
-            Told the stage and the fraction of it that is done.
+            Stores finished frequencies between runs; `struck.analyze` and ``struck radiate`` store
+            them in the cache. Default: no storage.
+        progress : callable or None, optional
+            Called as ``progress(stage, fraction)``. Default: silent.
 
         Returns
         -------
@@ -481,11 +481,11 @@ class ModalModel:
         Raises
         ------
         OptionError
-            When the model was recorded, or its gains are relative.
+            If the model was recorded, or its gains are relative.
         MeshError
-            When its surface is not closed, or a wall is too thin for the elements.
+            If its surface is not closed, or a wall is too thin for the elements.
         SolverError
-            Where memory does not suffice.
+            If memory does not suffice.
         """
         gains = self.gains
         if not isinstance(gains, ShapeGains) or not isinstance(gains.radiation, FieldRadiation):
@@ -526,10 +526,10 @@ class ModalModel:
         Parameters
         ----------
         pitch : float or array-like (D,), optional
-            Metres a unit of each contact coordinate; of an azimuth, rad, the radius of the body.
-            May be left out where the coordinates name a unit: "height (m)".
+            Metres per unit of each contact coordinate; for an azimuth in rad, the radius of the
+            body. Default: from the units in the names of the coordinates, such as "height (m)".
         geometry : Mesh, optional
-            Surface of a round body, in m, about the z axis through its centre: the first
+            Surface of a body of revolution about the z axis through its centre, m: the first
             coordinate times its pitch is the height z. An azimuth then needs no pitch.
 
         Returns
@@ -540,8 +540,8 @@ class ModalModel:
         Raises
         ------
         OptionError
-            When a pitch is missing, the surface does not fit what was recorded, or the body was
-            not recorded at several places.
+            If a pitch is missing, the surface does not fit the recordings, or the body was not
+            recorded at several contacts.
         """
         from struck.model.chart import Chart
 

@@ -90,29 +90,29 @@ class Modes:
     frequencies : array (M,)
         Natural frequencies, ascending, Hz.
     surface : Mesh
-        The body's surface, where the shapes are given.
+        Surface of the body, on which the shapes are given.
     shapes : array (V, 3, M)
-        Mass-normalised mode shapes at the surface's vertices, kg^-1/2.
+        Mass-normalised mode shapes at the vertices, kg^-1/2.
     mass : float
-        kg.
+        Mass, kg.
     centre : array (3,)
         Centre of mass, m.
     inertia : array (3, 3)
         Moments of inertia about `centre`, kg m^2.
     complete_to : float
-        No mode below this frequency is missing, Hz.
+        Frequency below which no mode is missing, Hz.
     poisson_slopes : array (M,)
         d ln f / d(Poisson's ratio) at constant Young's modulus.
     errors : array (M,)
-        Relative discretisation error of each frequency; NaN where unknown.
-    supported : bool
-        Whether the body is held somewhere, so that it cannot move as a rigid one.
-    tensioned : bool
-        Whether tension, not the material's stiffness, drives it back.
-    formula : TransverseShapes or None
-        The shapes at any place, where they are known beyond the vertices.
-    provenance : Provenance
-        How the modes were made.
+        Relative discretisation error of each frequency; NaN if unknown.
+    supported : bool, default False
+        Whether the body is clamped or supported somewhere, so that it has no rigid-body modes.
+    tensioned : bool, default False
+        Whether tension, not the stiffness of the material, is the restoring force.
+    formula : TransverseShapes or None, default None
+        Mode shapes in closed form, at any point.
+    provenance : Provenance, optional
+        Method, versions, references, and what was left out.
     """
 
     __repr__ = brief

@@ -19,18 +19,18 @@ from struck.errors import counted, printable
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
-    """How a result was made.
+    """Method, references and details of a result.
 
     Parameters
     ----------
-    method : str
-        What computed it, in one line.
-    references : tuple of str
-        Keys in ``references.toml`` of the methods really used, in order of use.
-    dropped : tuple of str
-        What was left out, one sentence each, with its count.
-    details : mapping
-        Figures of interest (nodes, lattice, residual, versions ...); JSON values only.
+    method : str, default ""
+        Method, in one line.
+    references : tuple of str, default ()
+        Keys in ``references.toml`` of the methods that were used, in order.
+    dropped : tuple of str, default ()
+        Sentences on what was left out, with its count.
+    details : mapping, optional
+        Further figures (nodes, lattice, residual, versions ...), as JSON values.
     """
 
     method: str = ""

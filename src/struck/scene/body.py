@@ -104,7 +104,7 @@ class RigidBody:
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Body:
-    """A body of a scene: its model, place, motion and excitations.
+    """A body of a scene: its model, pose, motion and excitations.
 
     Parameters
     ----------

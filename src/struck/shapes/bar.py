@@ -358,8 +358,8 @@ class Bar(Shape):
     Raises
     ------
     OptionError
-        On lengths that are not positive, a bar shorter than its radius of gyration, two sections
-        or none, unknown ends or an unknown theory.
+        If lengths are not positive, the bar is shorter than its radius of gyration, there are two
+        sections or none, or the ends or the theory are unknown.
 
     Notes
     -----

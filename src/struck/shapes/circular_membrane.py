@@ -204,7 +204,7 @@ class AnnularMembrane(Shape):
     Raises
     ------
     OptionError
-        On lengths or a tension that are not positive, or a hole that leaves nothing.
+        If lengths or the tension are not positive, or the hole is not smaller than the ring.
 
     Notes
     -----
@@ -281,7 +281,7 @@ class CircularMembrane(Shape):
     Raises
     ------
     OptionError
-        On lengths or a tension that are not positive.
+        If lengths or the tension are not positive.
 
     Notes
     -----

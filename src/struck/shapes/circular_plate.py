@@ -209,7 +209,7 @@ class CircularPlate(Shape):
     Raises
     ------
     OptionError
-        On lengths that are not positive, or another edge.
+        If lengths are not positive, or the edge is unknown.
 
     Notes
     -----

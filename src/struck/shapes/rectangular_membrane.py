@@ -62,7 +62,7 @@ class RectangularMembrane(Shape):
     Raises
     ------
     OptionError
-        On lengths or a tension that are not positive.
+        If lengths or the tension are not positive.
 
     Notes
     -----

@@ -318,7 +318,7 @@ class RectangularPlate(Shape):
     Raises
     ------
     OptionError
-        On lengths that are not positive, or other edges.
+        If lengths are not positive, or edges are unknown.
 
     Notes
     -----

@@ -86,7 +86,7 @@ class Vibration:
 class Shape(ABC):
     """A body whose modes are known in closed form, or nearly so.
 
-    Its plan lies in x (and y); it moves along z. Lengths in m.
+    It lies in the plane of x (and y), and moves along z. Lengths are in m.
 
     Examples
     --------

@@ -57,7 +57,7 @@ class String(Shape):
     Raises
     ------
     OptionError
-        On lengths or a tension that are not positive.
+        If lengths or the tension are not positive.
 
     Notes
     -----

@@ -191,7 +191,7 @@ Places = Mapping[str, Array]
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tube:
-    """A straight tube along z, its middle at the origin; a rod where the wall fills it.
+    """A straight tube along z with its centre at the origin, or a rod if the wall fills it.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ class Tube:
     Raises
     ------
     OptionError
-        On lengths that are not positive, a wall thicker than the radius, impossible counts.
+        If lengths are not positive, the wall is thicker than the radius, or counts are impossible.
 
     Examples
     --------
@@ -290,7 +290,7 @@ class Tube:
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Block:
-    """A rectangular block, its centre at the origin.
+    """A rectangular block with its centre at the origin.
 
     Parameters
     ----------

@@ -45,7 +45,7 @@ Thickness = float | Sequence[float] | Array
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stem:
-    """A solid stem and the foot that it stands on, for a bowl that starts on the axis.
+    """A solid stem with a foot, for a bowl that starts on the axis.
 
     Parameters
     ----------
@@ -54,15 +54,15 @@ class Stem:
         them the radius changes smoothly.
     foot : sequence of (r, z)
         Mid-line of the foot, from the axis outward, m.
-    foot_wall : float or sequence
-        Thickness of the foot, m: one, or one a point.
+    foot_wall : float or sequence of float
+        Thickness of the foot, m: one, or one per point.
 
     Raises
     ------
     OptionError
-        On radii or thicknesses that are not positive, or points that are not finite pairs.
+        If radii or thicknesses are not positive, or points are not finite pairs.
     MeshError
-        On a foot that does not start on the axis.
+        If the foot does not start on the axis.
 
     Examples
     --------
@@ -99,26 +99,26 @@ class Revolution:
     ----------
     profile : sequence of (r, z)
         With a `wall`: the mid-line of the wall, m. An end at r = 0 closes the body there, at a
-        right angle to the axis where `smooth`. Without one: the side of a solid from bottom to
-        top, undercut or not; it is closed by flats where its ends are off the axis.
-    wall : float or sequence, optional
-        Thickness of the wall, m: one, or one a point of the profile (between the points it
-        changes smoothly, or linearly where the profile is straight).
-    smooth : bool
+        right angle to the axis if `smooth`. Without a wall: the side of a solid from bottom to top,
+        undercut or not; flats close it where its ends are off the axis.
+    wall : float or sequence of float, optional
+        Wall thickness, m: one, or one per point of the profile (between the points it changes
+        smoothly, or linearly where the profile is straight). Default: a solid.
+    smooth : bool, default True
         Whether the profile is a smooth curve (a cubic spline) through its points, or straight
-        between them, walls mitred at the corners.
+        between them, with mitred walls at the corners.
     stem : Stem, optional
         A stem and foot below a bowl whose profile starts on the axis.
     elements : tuple of three ints, optional
-        Elements around (a multiple of 4), along the profile and through the wall (in a solid:
-        between the axis and the side, beyond the core), instead of an accuracy's.
+        Number of elements around (a multiple of 4), along the profile and through the wall (in a
+        solid: between the axis and the side, beyond the core). Default: by the accuracy.
 
     Raises
     ------
     OptionError
-        On thicknesses that are not positive, points that are not finite pairs, impossible counts.
+        If thicknesses are not positive, points are not finite pairs, or counts are impossible.
     MeshError
-        On a profile that crosses itself or the axis, or bends too tightly for its wall.
+        If the profile crosses itself or the axis, or bends too tightly for its wall.
 
     Examples
     --------
@@ -290,7 +290,7 @@ def _make_solid(points: Array, *, smooth: bool) -> Spindle | LatheSolid:
 
 @checked
 def bowl(*, radius: float = 0.1, height: float = 0.05, wall: float = 0.003) -> Revolution:
-    """Return a bowl that opens upward: half an ellipsoid of even thickness.
+    """Make a bowl that opens upward: half an ellipsoid of constant thickness.
 
     Parameters
     ----------
@@ -345,7 +345,7 @@ _BELL = np.array(
 
 @checked
 def bell(*, height: float = 0.2, radius: float = 0.125, sound_bow: float = 0.018) -> Revolution:
-    """Return a church bell, its mouth at z = 0.
+    """Make a church bell with its mouth at z = 0.
 
     Parameters
     ----------
@@ -397,7 +397,7 @@ _STEM_RATIOS = (0.24, 0.12, 0.10, 0.12, 0.22)  # radii over the bowl's
 
 @checked
 def wine_glass(*, height: float = 0.2, radius: float = 0.038, wall: float = 0.001) -> Revolution:
-    """Return a wine glass: a bowl on a solid stem and foot, standing on z = 0.
+    """Make a wine glass: a bowl on a solid stem and foot, which stands on z = 0.
 
     Parameters
     ----------
