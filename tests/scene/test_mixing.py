@@ -201,7 +201,7 @@ def test_a_room_sounds_longer_the_longer_it_reverberates() -> None:
     ("call", "message"),
     [
         (lambda: render([]), r"\[\] are no bodies"),
-        (lambda: render([BLOCK]), "are no bodies: give a ModalModel"),
+        (lambda: render([BLOCK]), "render takes a ModalModel"),
         (lambda: render(Body(model=BLOCK, excitations=STRIKE), STRIKE), "its own excitations"),
         (lambda: render(BLOCK, listener=Mono()), "nothing to render"),
         (lambda: Body(model=BLOCK, excitations=STRIKE, rotation=-np.eye(3)), "it mirrors"),
