@@ -138,11 +138,11 @@ class BatchReport:
     Parameters
     ----------
     folder : Path
-        Where models and report are.
+        Folder of the models and the report.
     rows : tuple of BatchRow
-        In the order of the models' names.
-    computed : int
-        Bodies that were analyzed this time; all others were there already.
+        Rows in the order of the names of the models.
+    computed : int, default 0
+        Number of bodies that were analyzed in this run; the others were there already.
     """
 
     folder: Path

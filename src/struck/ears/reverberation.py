@@ -147,31 +147,31 @@ class Reverberation:
         start: float = 0.0,
         ear_spacing: float = EAR_SPACING,
     ) -> Single:
-        """Return the response of the room to an impulse that is 1 at 1 m from the source.
+        """Compute the response of the room to an impulse that is 1 at 1 m from the source.
 
         Parameters
         ----------
         sample_rate : float
-            Hz.
-        channels : int
-            1, or 2 for both ears, each as loud as the one.
-        start : float
-            Time of the first sample after the impulse left the source, s: the mixing time, at
-            which the single reflections end. The response before it is left out. Default: 0.
-        ear_spacing : float
-            m; the ears are coherent as two points so far apart in a diffuse field, sin(k d) / (k d)
-            (R. K. Cook et al., J. Acoust. Soc. Am. 27(6), 1072-1077, 1955).
+            Sample rate, Hz.
+        channels : int, default 2
+            1, or 2 for both ears, each with the level of the single one.
+        start : float, default 0.0
+            Time of the first sample after the emission of the impulse, s: the mixing time, at which
+            the image sources end. Earlier samples are left out, later ones do not change.
+        ear_spacing : float, default 0.175
+            Distance of the ears, m, which are coherent as two points in a diffuse field, sin(k d) /
+            (k d) (R. K. Cook et al., J. Acoust. Soc. Am. 27(6), 1072-1077, 1955).
 
         Returns
         -------
         array (channels, n), float32
-            Until 60 dB down after the longest reverberation time; none when that is before
-            `start`.
+            Response until 60 dB of decay after the longest reverberation time; empty if that is
+            before `start`.
 
         Raises
         ------
         OptionError
-            When an argument is out of its bound.
+            If an argument is out of range.
         """
         _require(sample_rate, channels, start, ear_spacing)
         count = max(0, math.ceil((self.bands()[:, 1].max() - start) * sample_rate))

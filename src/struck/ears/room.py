@@ -224,25 +224,26 @@ class Room:
 
     @checked
     def responses(self, sample_rate: float, taps: int = 64) -> Single:
-        """Return filters for the reflections of each image, short and of minimum phase.
+        """Compute short minimum-phase filters for the reflections of each image.
 
         Parameters
         ----------
         sample_rate : float
-            Hz.
-        taps : int
-            Length. 64 at 48 kHz follow each reflection within 0.1 dB up to 16 kHz, of curtains
-            within 0.3 dB.
+            Sample rate, Hz.
+        taps : int, default 64
+            Length, samples. 64 at 48 kHz follow each reflection within 0.1 dB up to 16 kHz, of
+            curtains within 0.3 dB.
 
         Returns
         -------
         array (images, taps), float32
-            1, 0, 0, ... for the source itself; spectra below -100 dB are raised to -100 dB.
+            Filters; that of the source itself is 1, 0, 0, ... Levels below -100 dB are raised to
+            -100 dB.
 
         Raises
         ------
         OptionError
-            When the sample rate is not positive, or there are less than 1 or more than 4096 taps.
+            If the sample rate is not positive, or `taps` is below 1 or above 4,096.
         """
         require_sample_rate(sample_rate)
         if not 1 <= taps <= _SPECTRUM // 2:

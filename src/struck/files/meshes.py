@@ -392,32 +392,32 @@ def body_names(path: str | os.PathLike[str]) -> list[str]:
 
 @checked
 def load_volume(path: str | os.PathLike[str], *, units: str | None = None) -> VolumeMesh:
-    """Load a mesh of tetrahedra, hexahedra or wedges that another program made.
+    """Read a mesh of tetrahedra, hexahedra or wedges of another program.
 
-    Linear and quadratic elements are taken as they are. Points, lines and surface elements are
-    passed over, and so are nodes that no volume element uses.
+    Linear and quadratic elements are kept. Points, lines, surface elements, and nodes without a
+    volume element are left out.
 
     Parameters
     ----------
     path : path
         A file of VTK (vtk, vtu), Gmsh (msh), or Abaqus and CalculiX (inp).
-    units : str, optional
-        What the file's numbers are: "m", "cm", "mm", "in" or "ft"; left out, metres.
+    units : {"m", "cm", "mm", "in", "ft"}, optional
+        Unit of the coordinates. Default: metres.
 
     Returns
     -------
     VolumeMesh
-        Elements of one kind, in m.
+        Elements of one kind, m.
 
     Raises
     ------
     OptionError
-        On unknown units.
+        If the unit is unknown.
     MissingDependencyError
-        When meshio is not installed.
+        If meshio is not installed.
     MeshError
-        When the file cannot be read, or holds no volume elements, several kinds of them, inverted
-        ones, or numbers that are not finite.
+        If the file cannot be read, or has no volume elements, several kinds of them, inverted ones,
+        or numbers that are not finite.
     """
     path = Path(path)
     _require_options(units, None, None)

@@ -212,19 +212,20 @@ def load_sofa_responses(path: str | os.PathLike[str]) -> Responses:
 
     Parameters
     ----------
-    path : str or path
+    path : path
         The file; its Data.IR has the shape (listeners, 1, samples, contacts).
 
     Returns
     -------
     Responses
+        The impulse responses.
 
     Raises
     ------
     FileFormatError
-        When the file cannot be read, is damaged or of another convention.
+        If the file cannot be read, is damaged, or has another convention.
     MissingDependencyError
-        When h5py is not installed.
+        If h5py is not installed.
     """
     with opened(path) as file:
         file.require_convention(CONVENTIONS[1])

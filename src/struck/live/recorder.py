@@ -64,16 +64,16 @@ def microphone(
 
 @checked
 class DeviceRecorder:
-    """Recorder of takes from an audio device; use it as a context, or `close` it.
+    """Recorder of takes from an audio device; use it in a ``with`` statement, or call `close`.
 
     Parameters
     ----------
     device : int or str, optional
-        Number or part of the name. Default: the system's.
-    channels : int
-        How many of its inputs, from the first on.
+        Number of the device, or a part of its name. Default: the default device.
+    channels : int, default 1
+        Number of inputs, from the first on.
     sample_rate : float, optional
-        Hz. Default: that of the device.
+        Sample rate, Hz. Default: that of the device.
     """
 
     def __init__(

@@ -27,23 +27,23 @@ _BEYOND = 0.02  # share of a mesh's height by which contacts may lie above or be
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Chart:
-    """Where contact coordinates lie in space.
+    """Positions of contact coordinates in space.
 
     Parameters
     ----------
     pitch : array (D,)
-        Metres per unit of each coordinate; for an azimuth in rad the body's radius.
-    around : bool
-        Whether the first coordinate is a height along the z axis and the second, where there is
-        one, an azimuth about it, rad.
-    outline : array (n, 2) or None
-        Of a round body: heights, ascending, and radii of its surface there, m. None: the surface
+        Metres per unit of each coordinate; for an azimuth in rad, the radius of the body.
+    around : bool, default False
+        Whether the first coordinate is a height along the z axis, and the second, if any, an
+        azimuth about it, rad.
+    outline : array (n, 2) or None, default None
+        Heights, ascending, and radii of the surface of a body of revolution, m. None: the surface
         is flat, or with an azimuth a cylinder.
 
     Raises
     ------
     OptionError
-        On numbers outside their bounds.
+        If a number is out of range.
     """
 
     pitch: Array
@@ -93,20 +93,20 @@ class Chart:
         round_about: Array | None,
         heights: tuple[float, float] = (0.0, 0.0),
     ) -> Chart:
-        """Return the map from contact coordinates to metres, by m per unit, a surface, or both.
+        """Make the chart of coordinates from metres per unit, a surface, or both.
 
         Parameters
         ----------
         coordinates : sequence of str
-            Names, with a unit of length in brackets where they have one: "height (m)".
+            Names, with their unit of length in brackets if they have one: "height (m)".
         pitch : array-like, () or (D,), or None
-            Metres a unit of each coordinate; None leaves it to the names.
+            Metres per unit of each coordinate. None: by the names.
         geometry : Mesh or None
-            Surface of a round body, m; the first coordinate times its pitch is z.
+            Surface of a body of revolution, m; the first coordinate times its pitch is z.
         round_about : array (3,) or None
-            A point of the axis along z; None of a body that is not round.
-        heights : tuple of float
-            Lowest and highest first coordinate of what was recorded.
+            A point of the axis along z. None: not a body of revolution.
+        heights : tuple of float, default (0, 0)
+            Lowest and highest first coordinate of the recordings.
 
         Returns
         -------
@@ -116,7 +116,7 @@ class Chart:
         Raises
         ------
         OptionError
-            When a pitch is missing, or the surface does not fit.
+            If a pitch is missing, or the surface does not fit.
         """
         is_round = round_about is not None
         pitches = _pitches(coordinates, pitch, spared=is_round and geometry is not None)

@@ -133,10 +133,10 @@ class Material:
         ----------
         name : str
             A name or alias of ``materials.toml``, in any case.
-        damping : str
-            "own" for the material's own losses, "heard" for the Rayleigh set that graphics
-            research tuned by ear, mounting and radiation included; "heard_bowl" for that of a
-            bowl of aluminium (O'Brien et al. 2002, bowl 1).
+        damping : {"own", "heard", "heard_bowl"}, default "own"
+            "own": internal friction. "heard": the Rayleigh constants that graphics research tuned
+            by ear, mounting and radiation included. "heard_bowl": the constants of an aluminium bowl
+            (O'Brien et al. 2002, bowl 1).
 
         Returns
         -------
@@ -146,7 +146,8 @@ class Material:
         Raises
         ------
         MaterialError
-            When the name is unknown (the nearest are offered) or has no such damping.
+            If the name is unknown (the nearest names are offered), or the material has no such
+            damping.
         """
         entry = materials().get(_canonical(name))
         if entry is None:

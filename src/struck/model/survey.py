@@ -50,36 +50,36 @@ def from_spherical(radius: ArrayLike, azimuth: ArrayLike, polar: ArrayLike) -> A
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Survey:
-    """Recordings of a body: contacts, listeners, and the gains between some of them.
+    """Recordings of a body: contacts, listeners, and the gains of some of their pairs.
 
     Parameters
     ----------
     contacts : array (P, D)
-        Coordinates u, or u and v, of places that were struck. With axial symmetry: height, or
-        height and azimuth, rad.
+        Contact coordinates u, or u and v. With axial symmetry: height, or height and azimuth, rad.
     listeners : array (Q, 3)
-        Places of microphones in body coordinates, m.
-    pairs : array (n, 2)
+        Microphone positions in body coordinates, m.
+    pairs : array (n, 2) of int
         Numbers of contact and listener of each recording.
     gains : array (n, M), complex
-        Relative to the arrival time r/c, with r from the centre: gains whose time counts from the
-        impact on, times exp((-d + 2 pi i f) r/c).
+        Gains relative to the arrival time r/c, with r from the centre: gains whose time counts from
+        the impact, times exp((-d + 2 pi i f) r/c).
     frequencies : array (M,)
-        Ringing, Hz.
-    errors : array (n, M) or None
-        Standard errors of the gains, above 0: how much each counts. None: equal weights.
+        Ringing frequencies, Hz.
+    errors : array (n, M) or None, default None
+        Standard errors of the gains, above 0, which are their weights. None: equal weights.
     centre : array (3,)
-        Where the sound seems to come from, body coordinates, m.
-    symmetry : str
-        "none", or "axial": round about the z axis through the centre. Then only the azimuth between
-        contact and listener matters, whichever way round it is counted.
-    calibrated : bool
-        Whether gains are Pa/(N s), not relative.
+        Acoustic centre in body coordinates, m.
+    symmetry : {"none", "axial"}, default "none"
+        "axial": a body of revolution about the z axis through the centre. Then only the azimuth
+        between contact and listener matters, in either direction.
+    calibrated : bool, default False
+        Whether gains are in Pa/(N s).
 
     Raises
     ------
     OptionError
-        When arrays do not fit each other, are not finite, or a pair names no place.
+        If arrays do not fit each other or are not finite, or a pair has no such contact or
+        listener.
     """
 
     contacts: Array

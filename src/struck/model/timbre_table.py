@@ -212,19 +212,20 @@ class TimbreTable(RecordedGains):
     Parameters
     ----------
     contacts : Grid
-        Over u, or u and v.
+        Grid of contacts over u, or u and v.
     listeners : Grid
-        Over distance, azimuth and polar angle from the centre, or over x, y, z from it.
+        Grid of listeners over distance, azimuth and polar angle from the centre, or over x, y, z
+        from it.
     gains : array (P, Q, M), complex
-        Relative to the arrival time r/c, so that what is interpolated has no travel phase.
-    system : str
-        "spherical" or "cartesian".
+        Gains relative to the arrival time r/c, so that interpolated values have no travel phase.
+    system : {"spherical", "cartesian"}
+        Coordinates of the grid of listeners.
     mirrored : bool
-        Whether listeners at azimuths a and -a hear the same.
+        Whether gains at azimuths a and -a are equal.
     centre : array (3,)
-        Body coordinates, m.
-    size : float
-        How many times larger the body has become.
+        Acoustic centre in body coordinates, m.
+    size : float, default 1.0
+        Ratio of the size of the body to the recorded one.
     is_calibrated : bool, default False
         Whether gains are in Pa/(N s).
     is_deconvolved : bool, default False

@@ -43,12 +43,12 @@ def write_bank(
     sound_map : SoundMap
         The map.
     folder : path
-        Made unless it is there.
+        Folder, which is created if it does not exist.
     render : callable
         Takes a contact (3,), m, and the direction of the push (3,); returns what it sounds like,
         such as ``lambda at, direction: struck.render(model, Strike(at=at, direction=direction))``.
-    encoding : str
-        "int24", "int16" or "float32".
+    encoding : {"int24", "int16", "float32"}, default "int24"
+        Encoding of the samples.
 
     Returns
     -------

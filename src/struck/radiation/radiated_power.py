@@ -79,8 +79,8 @@ class RadiatedPower:
 
     Parameters
     ----------
-    air : Air
-        The medium.
+    air : Air, default Air(density=1.2041, sound_speed=343.21)
+        The medium; density in kg/m^3, speed of sound in m/s.
     """
 
     name: str = "power"

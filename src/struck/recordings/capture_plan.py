@@ -133,17 +133,17 @@ class SurveyPlan:
     Parameters
     ----------
     contacts : array (P, D)
-        As in `Survey`.
+        Contact coordinates, as in `Survey`.
     listeners : array (Q, 3)
-        Body coordinates, m.
+        Positions in body coordinates, m.
     listener : int
-        The pivot.
+        Number of the pivot listener.
     contact : int or None, default None
         Number of the pivot contact; None until `after` chooses it.
     check : int or None, default None
         Number of the contact that checks the separation; None until `after` chooses it.
-    silent : array of int
-        Modes that the pivot contact hardly drives, which the plan will not measure.
+    silent : array of int, optional
+        Modes that the pivot contact hardly drives, which the plan will not measure. Default: none.
     """
 
     __repr__ = brief
@@ -174,13 +174,13 @@ class SurveyPlan:
         listeners : array (Q, 3)
             Positions in body coordinates, m.
         centre : array (3,), optional
-            Where the sound seems to come from, m; the origin unless given.
-        symmetry : str
-            As in `Survey`.
+            Acoustic centre, m. Default: the origin.
+        symmetry : {"none", "axial"}, default "none"
+            Symmetry, as in `Survey`.
         listener : int, optional
-            The pivot. Left out: one that no mode avoids by symmetry. With axial symmetry nearest to
-            the direction of the contacts, azimuth 0 in the plane z = 0, else farthest from the
-            planes x = 0, y = 0 and z = 0.
+            Number of the pivot listener. Default: one that no mode avoids by symmetry. With axial
+            symmetry that is the nearest to the direction of the contacts, azimuth 0 in the plane z
+            = 0, otherwise the farthest from the planes x = 0, y = 0 and z = 0.
 
         Returns
         -------
@@ -190,7 +190,7 @@ class SurveyPlan:
         Raises
         ------
         OptionError
-            When there is no such listener.
+            If there is no such listener.
         """
         places = arrays.numbers("listeners", listeners, width=3)
         places = places - (np.zeros(3) if centre is None else centre)
@@ -317,49 +317,49 @@ class CapturePlan:
     Parameters
     ----------
     seconds : float
-        Of sound kept after each hit.
-    lead_in : float
-        Of ambient sound kept before it, s, from which the noise is estimated.
-    patience : float
-        How long after its cue a hit may come, s.
-    sample_rate : int or None
-        Hz; None: the device's own.
-    channels : int
-        Number of places of each listener.
-    device : int or str or None
-        Number or part of the name; None: the default one.
-    tries : int
-        How often a take is tried before the measurement stops.
-    prompt : str
-        When a person is waited for: at each "take", when the "contact" changes, or "never".
-    bounds : Bounds
+        Duration of the sound after each hit, s.
+    lead_in : float, default 0.5
+        Duration of the ambient sound before it, s, from which the noise is estimated.
+    patience : float, default 3.0
+        Maximum time from the cue to the hit, s.
+    sample_rate : int or None, default None
+        Sample rate, Hz. None: that of the device.
+    channels : int, default 1
+        Number of positions of each listener.
+    device : int, str or None, default None
+        Number of the device, or a part of its name. None: the default device.
+    tries : int, default 5
+        Maximum number of tries of a take.
+    prompt : {"take", "contact", "never"}, default "take"
+        When to wait for a person: at each take, when the contact changes, or never.
+    bounds : Bounds, optional
         Levels at which a take is accepted.
     contacts : tuple of PlannedContact, optional
         Contacts that are combined with all listeners.
     listeners : tuple of PlannedListener, optional
         Listeners; none if their positions do not matter.
-    listed : tuple of Point
-        Single points instead.
-    pairs : str
-        "all" contacts with all listeners; or "P+Q": one listener hears all contacts, then the best
-        contact is heard by all other listeners (see `Plan`).
-    hits : int
-        Of each point.
-    pivot : int or None
-        Number of the listener that hears all contacts, with "P+Q"; None: chosen by `Plan`.
+    listed : tuple of Point, default ()
+        Single points instead of contacts and listeners.
+    pairs : {"all", "P+Q"}, default "all"
+        "all": all contacts with all listeners. "P+Q": all contacts with one listener, then the best
+        contact with all other listeners (see `SurveyPlan`).
+    hits : int, default 1
+        Number of hits of each point.
+    pivot : int or None, default None
+        Number of the listener of all contacts, for "P+Q". None: chosen by `SurveyPlan`.
     symmetry : str, default "none"
         Symmetry, as in `Manifest`.
     centre : tuple of three floats, default (0, 0, 0)
         Acoustic centre, m, as in `Manifest`.
     coordinates : tuple of str, optional
         Names and units of the coordinates, as in `Manifest`.
-    hooks : Hooks
+    hooks : Hooks, optional
         Programs that move or strike.
 
     Raises
     ------
     OptionError
-        When there is nothing to record, or names, places and channels do not fit each other.
+        If there is nothing to record, or names, positions and channels do not fit each other.
     """
 
     seconds: float

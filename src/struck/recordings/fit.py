@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fitting:
-    """A model of recordings, with all that is known of how well it fits.
+    """A model of recordings, with the quality of its fit.
 
     Parameters
     ----------
@@ -55,18 +55,18 @@ class Fitting:
     fitted : Fitted
         Shared poles, gains of each channel of each hit, standard errors, verdict and notes.
     recorded : Recorded
-        The takes and their places.
+        The takes with their contacts and listeners.
     survey : Survey or None
-        Gains over contact and listener; None for a model of a single point.
+        Gains over contact and listener. None: a model of a single point.
     lead : float
-        From the arrival of a hit to the moment that gains are as of, s: until then the object is
-        still being struck.
-    room : array (M,), bool, or None
-        Which modes the room may have; None where its reverberation is not given.
+        Time from the arrival of a hit to the time of the gains, s, until which the object is still
+        being struck.
+    room : array (M,) of bool, or None
+        Modes that may be those of the room. None: its reverberation is unknown.
     residual : Residual
-        Attack and noise of the loudest hit, which the model has where it was asked for or needed.
+        Attack and noise of the loudest hit, which the model has if requested or needed.
     short : float
-        By how much a band of the ear is short without the residual, at most, dB.
+        Largest loss of a band of the ear without the residual, dB.
     """
 
     __repr__ = brief

@@ -61,25 +61,25 @@ class ManifestEntry:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Manifest:
-    """A set of takes with their places.
+    """A set of takes with their contacts and listeners.
 
     Parameters
     ----------
     path : Path
-        Files stand relative to its folder.
+        Path of the manifest; names of files are relative to its folder.
     entries : tuple of ManifestEntry
         One for each file.
-    coordinates : tuple of str
-        Names and units of a contact's coordinates, where they are known.
-    centre : tuple of 3 numbers
-        Where the sound seems to come from, body coordinates, m.
-    symmetry : str
-        "none" or "axial", as in `Survey`.
+    coordinates : tuple of str, default ()
+        Names and units of the coordinates of a contact, if known.
+    centre : tuple of three floats, default (0, 0, 0)
+        Acoustic centre in body coordinates, m.
+    symmetry : {"none", "axial"}, default "none"
+        Symmetry, as in `Survey`.
 
     Raises
     ------
     FileFormatError
-        When a file or a place occurs twice, or some takes have places and others none.
+        If a file or a position occurs twice, or only some takes have positions.
     """
 
     path: Path
@@ -188,12 +188,13 @@ def read_manifest(path: str | os.PathLike[str]) -> Manifest:
     Returns
     -------
     Manifest
+        The manifest.
 
     Raises
     ------
     FileFormatError
-        When it cannot be read, a column is unknown, an entry is missing or no number, a file is
-        missing, or a place occurs twice.
+        If the file cannot be read, a column is unknown, an entry is missing or not a number, a file
+        is missing, or a position occurs twice.
     """
     source = Path(path)
     kind = source.suffix.lower()

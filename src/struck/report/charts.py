@@ -59,18 +59,18 @@ def spectrogram(sound: Sound, lowest: float | None = None) -> Figure:
 def overview(
     model: ModalModel, sound: Sound | None = None, title: str | None = None, *, at: str = ""
 ) -> Figure:
-    """Draw a body, its first modes, and the spectrum of a sound, or else the decays of its modes.
+    """Draw a body, its first modes, and the spectrum of a sound, otherwise the decays of its modes.
 
     Parameters
     ----------
     model : ModalModel
         The model.
     sound : Sound, optional
-        Of the model.
+        Sound of the model. Default: decays instead of its spectrum.
     title : str, optional
-        Above the picture.
-    at : str
-        Where the sound's strike was, in words, above its spectrum.
+        Title of the picture.
+    at : str, default ""
+        Contact of the strike of the sound, in words, above its spectrum.
 
     Returns
     -------

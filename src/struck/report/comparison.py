@@ -84,15 +84,16 @@ class Comparison:
     other : Side
         The recording or the other model.
     pairing : Pairing
-        Which of the other's modes is which of the model's, and how sure that is.
+        Pairs of modes, and their confidence.
     cents : array (P,)
-        By which the other's modes are higher.
+        Frequencies of the other's modes relative to the model's, cents.
     decay_ratios : array (P,)
-        The other's decay rates over the model's; NaN where that does not decay.
+        Ratio of the other's decay rates to the model's; NaN if the latter is 0.
     level_differences : array (P,)
-        By which the other's modes are louder, `level_offset` apart, dB; NaN where one is silent.
+        Levels of the other's modes relative to the model's, without `level_offset`, dB; NaN if one
+        is silent.
     level_offset : float
-        Median of the level differences, dB, taken out of them unless both are calibrated.
+        Median of the level differences, dB, which is removed from them unless both are calibrated.
     missing : array
         Numbers of the model's modes that the other lacks though they should be heard; a fit's modes
         that stand for the blow are not missed, nor extra.
@@ -103,8 +104,8 @@ class Comparison:
         Numbers of the other's modes that the model lacks though it should have them.
     explained : bool
         Whether the two agree better than by chance.
-    by_chance : float
-        How many pairs random modes would get; 0 where the two surely agree better.
+    by_chance : float, default 0.0
+        Number of pairs that random modes would give; 0 if the two certainly agree better.
     """
 
     __repr__ = brief

@@ -143,45 +143,46 @@ class Poses:
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Contacts:
-    """All contacts of a scene, row by row: one point of contact during one step of time.
+    """A log of the contacts of a scene: one row for each point of contact and time step.
 
     Parameters
     ----------
     names : sequence of str
-        Of the bodies; `body0` and `body1` count them from 0.
+        Names of the bodies; `body0` and `body1` number them from 0.
     time : array-like (K,)
-        When the step begins in which the impulse acts, s.
+        Start of the step in which the impulse acts, s.
     body0 : array-like (K,) of int
         Number of the first body of each contact.
     body1 : array-like (K,) of int
         Number of the second body.
     position : array-like (K, 3)
-        In the world, m.
+        Points of contact in the world, m.
     impulse : array-like (K, 3)
-        What body1 receives during the step, friction included, N s; body0 gets the opposite.
-    dt : array-like (K,) or one number
-        How long the step lasts, s; 0 for an impact that is one row by itself.
-    normal : array-like (K, 3)
-        From body0 to body1, of any length; the direction of the impulse unless given.
-    velocity : array-like (K, 3) or None
-        Of body1 as seen from body0 at the point when the step begins, m/s; None: unknown.
-    id : array-like (K,) or None
-        Number of the point of contact, the same from step to step, where the simulation has one.
-    poses : Poses or None
-        Where the bodies are; None: where the scene says.
-    notes : tuple of str
-        On rows that were changed or left out.
+        Impulse on body1 during the step, friction included, N s; that on body0 is the opposite.
+    dt : array-like (K,) or float, default 0.0
+        Duration of the step, s; 0 for an impact that is a single row.
+    normal : array-like (K, 3), optional
+        Normals from body0 to body1, of any length. Default: the direction of the impulse.
+    velocity : array-like (K, 3) or None, default None
+        Velocity of body1 relative to body0 at the point at the start of the step, m/s. None:
+        unknown.
+    id : array-like (K,) of int or None, default None
+        Number of the point of contact, the same from step to step, if the simulation has one.
+    poses : Poses or None, default None
+        Poses of the bodies. None: those of the scene.
+    notes : tuple of str, default ()
+        Remarks on rows that were changed or left out.
 
     Raises
     ------
     OptionError
-        On numbers that are not finite or those of a simulation that exploded, unknown bodies,
-        a body in contact with itself, or not as many of each.
+        If numbers are not finite or those of a simulation that exploded, bodies are unknown, a body
+        is in contact with itself, or arrays differ in length.
 
     Notes
     -----
-    Rows are put in order of time, and of rows that are the same in everything one is kept; `notes`
-    tell what was changed, and how often.
+    Rows are sorted by time, and of identical rows one is kept; `notes` report such changes with
+    their number.
 
     Examples
     --------

@@ -168,13 +168,13 @@ class Events:
 
         Parameters
         ----------
-        forces : str
-            "events"; or as of 2002, from the rows of the log as they are: "impulses2002" takes
-            each as an impulse that acts in no time, "gaussian2002" convolves them with a Gaussian
-            kernel for soft collisions, "noise2002" with noise for roughness that is too small for
-            the simulation.
-        seed : int
-            Of where on their roughness things begin to slide, and of noise.
+        forces : {"events", "impulses2002", "gaussian2002", "noise2002"}, default "events"
+            "events": detected impacts and sustained contacts. The others, as in 2002, use the rows
+            of the log as they are: "impulses2002": ideal impulses; "gaussian2002": convolved with a
+            Gaussian kernel, for soft collisions; "noise2002": with noise, for roughness below the
+            resolution of the simulation.
+        seed : int, default 0
+            Seed of the positions on their roughness where bodies begin to slide, and of the noise.
 
         Returns
         -------
@@ -184,9 +184,10 @@ class Events:
         Raises
         ------
         OptionError
-            On unknown forces, or a recorded model, whose contacts are no places in space.
+            If the forces are unknown, or a model was recorded, so that its contacts are not points
+            in space.
         ContactError
-            On contacts that are nowhere near their body.
+            If a contact is far from its body.
         """
         require_choice("forces", forces, FORCES)
         require_number("seed", seed, 0, 2.0**63, whole=True)

@@ -90,7 +90,7 @@ def render(
     excitations : Strike, Scrape, Roll, Pluck, ForceTrack, Hold, sequence of them, or Contacts
         Forces on a single model or a single `Body` without excitations, or all contacts of a
         `struck.scene.Scene`. A log in which nothing sounds gives silence as long as the log, with
-        the reason in the notes of the sound.
+        the reason in the notes of the sound. Default: none.
     seconds : float, optional
         Length of the sound. Default: until the slowest of the loud modes (within 40 dB of the
         loudest) has decayed by 60 dB, at most 10 s after the last excitation.

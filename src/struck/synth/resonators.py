@@ -242,27 +242,26 @@ class Resonators:
     def process(
         self, pushes: Sequence[Push] = (), outputs: Sequence[NDArray[np.generic] | None] = ()
     ) -> Array:
-        """Return the next block of sound of all bodies.
+        """Compute the next block of sound of all bodies.
 
         Parameters
         ----------
-        pushes : sequence of Push
-            Forces (block,), N, and drives (M,) at the end of the block. A body's voice that was
-            there in the last block continues from its last drive.
-        outputs : sequence of array (points, M), complex, or None
-            For each body its gains at the end of the block; None, or none at all: as they were.
-            Those of the first block hold from its start; without them a body is silent.
+        pushes : sequence of Push, default ()
+            Forces (block,), N, and drives (M,) at the end of the block. A voice of a body that was
+            in the last block continues from its last drive.
+        outputs : sequence of array (points, M), complex, or None, default ()
+            Gains of each body at the end of the block. None, or no entry: unchanged. Those of the
+            first block hold from its start; a body without them is silent.
 
         Returns
         -------
         array (bodies, points, block)
-            Valid until the next call: copy what shall last.
+            Sound, valid until the next call.
 
         Raises
         ------
         OptionError
-            On forces, drives or outputs that are not finite or do not fit, before anything is
-            changed.
+            If forces, drives or outputs are not finite or do not fit. Nothing is changed then.
         """
         pushing = require_pushes(pushes, self._poles, self.block, self._voices, self._last)
         gains = require_outputs(outputs, self._poles, self.points)

@@ -492,9 +492,9 @@ def inferable(model: ModalModel, size_error: float = 0.0) -> Material:
     Parameters
     ----------
     model : ModalModel
-        Computed, of the body as measured.
-    size_error : float
-        Standard error of the body's size, relative.
+        Computed model of the measured body.
+    size_error : float, default 0.0
+        Relative standard error of the size of the body.
 
     Returns
     -------
@@ -504,9 +504,9 @@ def inferable(model: ModalModel, size_error: float = 0.0) -> Material:
     Raises
     ------
     MaterialError
-        When tension, not stiffness, drives the body back, or the model's material is unknown.
+        If tension, not stiffness, is the restoring force, or the material of the model is unknown.
     OptionError
-        On a `size_error` below 0.
+        If `size_error` is negative.
     """
     hint = "give a relative error of at least 0"
     require_number("size_error", size_error, 0, 1, hint=hint)

@@ -78,31 +78,31 @@ class PoleFit:
     decays : array (M,)
         Amplitude decay rates, 1/s.
     gains : array (rows, M), complex
-        A row sounds as Im[g exp((-d + 2 pi i f) t)] from its time on, in the unit of the samples,
-        without what still rings of earlier hits.
+        A row is Im[g exp((-d + 2 pi i f) t)] from its time on, in the unit of the samples, without
+        the decay of earlier hits.
     frequency_errors : array (M,)
         Standard errors of the frequencies, Hz.
     decay_errors : array (M,)
         Standard errors of the decay rates, 1/s.
     gain_errors : array (rows, M)
-        Standard errors of the gains' sizes.
+        Standard errors of the magnitudes of the gains.
     rows : tuple of Row
-        What each row of gains belongs to, in order of takes, hits and channels.
+        Take, hit and channel of each row of gains, in this order.
     segments : tuple of Segment
-        What was fitted.
+        Segments that were fitted.
     heard : Exponentials
-        All that rings in the segments: earlier hits and tones of the surroundings too.
-    order : array (rows,)
-        Which row of `heard` each row is.
+        All modes in the segments, including earlier hits and tones of the surroundings.
+    order : array (rows,) of int
+        Row of `heard` of each row.
     verdict : ModalVerdict
         Whether it is the sound of a struck object.
     blow : array (M,) of bool
         Modes that represent the strike instead of the object.
     vague : array (M,) of bool
         Modes that are known to 30 % at best.
-    notes : tuple of str
-        What a person should know: what is wrong with the takes, and what was left out.
-    controls : tuple of GainControl or None
+    notes : tuple of str, default ()
+        Remarks on the takes, and on modes that were left out.
+    controls : tuple of GainControl or None, default ()
         Automatic gain of each take, which was undone.
     """
 

@@ -231,11 +231,12 @@ class Simulation:
         Parameters
         ----------
         seconds : float
-            s.
+            Duration, s.
         control : callable, optional
-            ``control(model, data)`` before each step, as MuJoCo's own; not with Rapier.
-        progress : callable
-            Told the stage and the fraction of it that is done.
+            Called as ``control(model, data)`` before each step, with MuJoCo's objects; not with
+            Rapier.
+        progress : callable, optional
+            Called as ``progress(stage, fraction)``. Default: silent.
 
         Returns
         -------
@@ -247,9 +248,9 @@ class Simulation:
         Raises
         ------
         ArgumentError
-            On a control that is no function.
+            If the control is not callable.
         SimulationError
-            When the simulation explodes: when, which body, and what to change.
+            If the simulation explodes. It names time and body, and what to change.
         """
         require_seconds(seconds)
         if not (control is None or callable(control)):
