@@ -29,6 +29,7 @@ SECTION = re.compile(rf"^(?:Parameters|Attributes)\n-+\n(.*?){END}", re.MULTILIN
 REFERENCE = re.compile(r"(?:parameters\s+are\s+those\s+of|\bsee)\s+`(struck\.[\w.]+)`")
 ARRAYS = re.compile(r"\b(?:Array(?:Like)?|Index|Mask|Complex|Single)\b")
 NUMBERS = re.compile(r"\bfloat\b|\bArray")
+DEFAULT = re.compile(r"\boptional\b|\bdefault\b", re.IGNORECASE)
 MANY = 380
 
 
@@ -128,6 +129,19 @@ def unlisted(name: str) -> list[str]:
     return sorted(required - {entry.lstrip("*") for entry in listed}) + several
 
 
+def without_default(name: str) -> list[str]:
+    """Return the parameters with a default whose entries do not state it."""
+    value, text = public()[name], inspect.getdoc(public()[name]) or ""
+    names = []
+    for parameter in inspect.signature(value).parameters.values():
+        entry = re.search(
+            rf"^{parameter.name} : .*\n(?:(?: {{4}}.*)?\n)*", text + "\n", re.MULTILINE
+        )
+        if parameter.default is not parameter.empty and entry and not DEFAULT.search(entry[0]):
+            names.append(parameter.name)
+    return names
+
+
 def is_explained(name: str) -> bool:
     """Return whether a docstring is whole, or a method's is in its protocol or parent class."""
     owner, method = owner_of(name), name.rpartition(".")[2]
@@ -152,12 +166,20 @@ def test_each_parameter_has_an_entry() -> None:
     assert not {name: unlisted(name) for name in public() if unlisted(name)}
 
 
+def test_each_optional_parameter_states_its_default() -> None:
+    assert not {name: without_default(name) for name in public() if without_default(name)}
+
+
 def test_a_parameter_without_an_entry_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     from struck.model.damping import Rayleigh
 
     text = "Law.\n\nParameters\n----------\nmass, stiffness : float\n    Both."
     monkeypatch.setattr(Rayleigh, "__doc__", text)
     assert unlisted("struck.Rayleigh") == ["external", "mass", "stiffness", "mass, stiffness"]
+    monkeypatch.setattr(
+        Rayleigh, "__doc__", f"{text}\nexternal : float\n    1/s.\n\nRaises\n------"
+    )
+    assert without_default("struck.Rayleigh") == ["external"]
 
 
 def test_a_gap_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -135,8 +135,8 @@ class Material:
             A name or alias of ``materials.toml``, in any case.
         damping : {"own", "heard", "heard_bowl"}, default "own"
             "own": internal friction. "heard": the Rayleigh constants that graphics research tuned
-            by ear, mounting and radiation included. "heard_bowl": the constants of an aluminium bowl
-            (O'Brien et al. 2002, bowl 1).
+            by ear, mounting and radiation included. "heard_bowl": the constants of an aluminium
+            bowl (O'Brien et al. 2002, bowl 1).
 
         Returns
         -------
