@@ -235,7 +235,9 @@ def analyze(
         require_choice("method", method, ("quadratic", *METHODS))
     options = {"wall": wall, "accuracy": accuracy, "repair": repair, "holes": holes}
     file_options = {option.name: getattr(file, option.name) for option in fields(file)}
-    require_applicable(body, formula=formula, **file_options, **options, fixed=fixed, backend=backend)
+    require_applicable(
+        body, formula=formula, **file_options, **options, fixed=fixed, backend=backend
+    )
     if is_shape(body) and formula:
         recoil = recoil and not body.supported
         model = _by_formula(body, chosen, radiation_model, limits, progress, recoil=recoil)

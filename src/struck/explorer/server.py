@@ -48,7 +48,7 @@ class Explorer:
 
     Parameters
     ----------
-    wanted : sequence of Thing, default ()
+    objects : sequence of Thing, default ()
         Objects that are computed for the room.
     given : sequence of ModalModel, default ()
         Models that are in the room from the start, instead of these.

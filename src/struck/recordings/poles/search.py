@@ -90,7 +90,7 @@ class PoleFit:
         Take, hit and channel of each row of gains, in this order.
     segments : tuple of Segment
         Segments that were fitted.
-    heard : Exponentials
+    exponentials : Exponentials
         All modes in the segments, including earlier hits and tones of the surroundings.
     order : array (rows,) of int
         Row of `heard` of each row.
