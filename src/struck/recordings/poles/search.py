@@ -93,7 +93,7 @@ class PoleFit:
     exponentials : Exponentials
         All modes in the segments, including earlier hits and tones of the surroundings.
     order : array (rows,) of int
-        Row of `heard` of each row.
+        Row of `exponentials` of each row.
     verdict : ModalVerdict
         Whether it is the sound of a struck object.
     blow : array (M,) of bool
