@@ -856,7 +856,7 @@ def _verbs(folder: Path) -> dict[str, Call]:
                 "recordings": sound(),
                 "modes": 4,
                 "method": "shared",
-                "way": "field",
+                "interpolation": "field",
                 "radius": 0.0,
                 "force": True,
                 "cache": False,

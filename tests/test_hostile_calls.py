@@ -186,7 +186,7 @@ LINES = [
     "render bar.struck --pluck 0.1 --force 1 --listener 0,1,0 --head exact --seconds 0.1 -o f.wav",
     "export bar.struck --contacts 0.02 --listeners 1,0,0 --seconds 0.1 --rate 8000 -o g.sofa",
     "compare bar.struck bar.wav --strike 0.02 --listener 0,1,0",
-    "fit bar.wav --modes 4 --force --way field --method shared --no-cache -o h.struck",
+    "fit bar.wav --modes 4 --force --interpolation field --method shared --no-cache -o h.struck",
     f"tune {TUBE} --material steel --vary length --lowest 700 --accuracy preview",
     "calibrate bar.struck bar.wav --density 7850 --size-error 0.01",
     "sound-map bar.struck --threshold 20 --level 80 --listener 0,1,0",

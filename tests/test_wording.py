@@ -62,6 +62,13 @@ def test_a_bare_participle_is_no_function() -> None:
     assert not list(plain.offences(plain.Text("name", "a.py:1", "resampled", "function")))
 
 
+def test_overloaded_names_are_listed(tmp_path: Path) -> None:
+    path = tmp_path / "module.py"
+    path.write_text("def work(own, mass):\n    _found, heard_level = own, mass\n", encoding="utf-8")
+    listed = plain.overloaded(("room", text) for text in plain.texts(path, "module.py"))
+    assert listed == ["module.py:1: own", "module.py:2: _found"]
+
+
 def test_all_names_of_a_module_are_read(tmp_path: Path) -> None:
     path = tmp_path / "module.py"
     path.write_text(

@@ -17,7 +17,7 @@ import lazy_loader
 
 from struck.errors import nearest
 
-_found, __dir__, _names = lazy_loader.attach_stub(__name__, __file__)
+_load, __dir__, _names = lazy_loader.attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> object:
@@ -27,8 +27,8 @@ def __getattr__(name: str) -> object:
 
         return version(__name__)
     if name in _names or name.startswith("_"):
-        return _found(name)
-    rooms = [room for room in _ROOMS & {*_names} if name in getattr(_found(room), "__all__", ())]
+        return _load(name)
+    rooms = [room for room in _ROOMS & {*_names} if name in getattr(_load(room), "__all__", ())]
     where = f"struck.{min(rooms)}.{name}" if rooms else _ELSEWHERE.get(name)
     offer = f"it is {where}" if where else nearest(name, _names, "struck.{}") or "see dir(struck)"
     raise AttributeError(f"struck has no {name!r}: {offer.strip()}")

@@ -82,7 +82,7 @@ def test_all_modes_may_be_asked_for(taps: list[str], tmp_path: Path) -> None:
         (["--modes", "many"], "--modes: it is 'many'"),
         (["--modes", "²"], "--modes: it is '²'"),
         (["--modes", "0"], "--modes: it is '0': give a whole number of at least 1, or all"),
-        (["--way", "cloud"], "way is 'cloud'"),
+        (["--interpolation", "cloud"], "interpolation is 'cloud'"),
         (["--report", "nowhere/page.html"], "no folder nowhere"),
         (["--manifest", "none.csv"], "none.csv"),
     ],

@@ -378,7 +378,7 @@ IDLE = {
     "compare BAR BAR --against ende": "on the other model, the place is 'ende': did you mean end",
     "fit none.wav --residual --no-residual": "--residual/--no-residual: both: give it once",
     "simulate none.xml --restitution material": "material: did you mean materials? give mat",
-    "fit box.stl --way tabel": "--way is 'tabel': did you mean table?",
+    "fit box.stl --interpolation tabel": "--interpolation is 'tabel': did you mean table?",
     "fit box.stl --method corbet2007": "--method is 'corbet2007': did you mean corbett2007?",
     "render BAR --head exakt -o a.wav": "--head is 'exakt': did you mean exact?",
     "render BAR --hrtf kemra -o a.wav": "--hrtf is 'kemra': did you mean kemar?",

@@ -60,7 +60,7 @@ def test_takes_and_manifest_are_written_beside_the_plan(
     assert again.lines[0].startswith("recorded 0 of 2 takes (2 were there)")
 
 
-def test_machines_are_told_what_was_recorded_kept_and_refused(plan: Path) -> None:
+def test_json_output_counts_recorded_earlier_and_refused_takes(plan: Path) -> None:
     simulated, takes = plan.parent / "simulated", plan.parent / "takes"
     write(simulated / "contact2_1.wav", np.clip(3 * hit(), -1, 1))
     write(simulated / "contact2_1.2.wav", hit())
@@ -72,7 +72,7 @@ def test_machines_are_told_what_was_recorded_kept_and_refused(plan: Path) -> Non
         "manifest": str(takes / "manifest.toml"),
         "planned": 2,
         "recorded": 2,
-        "kept": 0,
+        "earlier": 0,
     }
     assert (refusal["file"], refusal["attempt"]) == ("contact2_1.wav", 1)
     assert "clipped" in refusal["reason"]

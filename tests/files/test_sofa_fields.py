@@ -305,7 +305,7 @@ def test_bad_arguments_are_refused_and_nothing_is_written(
         save_sofa_responses(vase, path, seconds=1000)
     with pytest.raises(OptionError, match="sample_rate is 0"):
         save_sofa_responses(vase, path, seconds=1, sample_rate=0)
-    with pytest.raises(OptionError, match="way is 'best'"):
+    with pytest.raises(OptionError, match="interpolation is 'best'"):
         vase.model("best")
     with pytest.raises(FileFormatError, match="does not exist"):
         save_sofa(vase, tmp_path / "none" / "x.sofa")

@@ -82,7 +82,7 @@ def test_every_planned_take_is_recorded_with_its_place(tmp_path: Path, simulatio
         operator=notes,
         progress=lambda stage, share: heard.append((stage, share)),
     )
-    assert (outcome.recorded, outcome.kept, outcome.refusals) == (8, 0, ())
+    assert (outcome.recorded, outcome.earlier, outcome.refusals) == (8, 0, ())
     manifest = read_manifest(outcome.manifest)
     assert [entry.file for entry in manifest.entries] == NAMES
     np.testing.assert_array_equal(manifest.contacts, [[1.0], [0.5]])
@@ -146,7 +146,7 @@ def test_a_measurement_goes_on_where_it_was_stopped(tmp_path: Path, simulation: 
     write(simulation / NAMES[5], hit())
     notes = Notes()
     outcome = run(wanted, folder, simulation, notes)
-    assert (outcome.recorded, outcome.kept) == (3, 5)
+    assert (outcome.recorded, outcome.earlier) == (3, 5)
     assert len(notes.asked) == 3
     assert {name: (folder / name).stat().st_mtime_ns for name in NAMES[:5]} == times
     whole = run(wanted, tmp_path / "others", simulation).manifest.read_bytes()
@@ -158,7 +158,7 @@ def test_a_take_whose_file_has_gone_is_recorded_again(tmp_path: Path, simulation
     run(wanted, folder, simulation)
     (folder / NAMES[2]).unlink()
     outcome = run(wanted, folder, simulation)
-    assert (outcome.recorded, outcome.kept) == (1, 7)
+    assert (outcome.recorded, outcome.earlier) == (1, 7)
     assert len(read_manifest(outcome.manifest).entries) == 8
 
 
@@ -198,7 +198,7 @@ def test_a_killed_measurement_leaves_whole_files_and_goes_on(
     for path in folder.glob("*.wav"):
         assert wav.decode(path.read_bytes()).samples.shape[1] > SECONDS * RATE
     outcome = run(wanted, folder, simulation)
-    assert (outcome.recorded, outcome.kept) == (8 - len(done), len(done))
+    assert (outcome.recorded, outcome.earlier) == (8 - len(done), len(done))
     assert [entry.file for entry in read_manifest(outcome.manifest).entries] == NAMES
     assert sorted(path.name for path in folder.iterdir()) == sorted([*NAMES, "manifest.toml"])
 
@@ -328,7 +328,7 @@ def test_p_plus_q_records_a_row_and_a_column_at_the_best_contact(tmp_path: Path)
     assert (outcome.recorded, wanted.count) == (12, 12)
     (tmp_path / "takes" / f"{files[4]}_1.wav").unlink()
     again = run(wanted, tmp_path / "takes", simulation)
-    assert (again.recorded, again.kept) == (1, 11)
+    assert (again.recorded, again.earlier) == (1, 11)
 
 
 def test_several_channels_and_named_and_spherical_places(tmp_path: Path) -> None:

@@ -224,7 +224,7 @@ def test_listeners_alone_make_a_field_around_one_contact() -> None:
 @pytest.mark.prove
 def test_the_full_table_has_the_recordings_themselves() -> None:
     takes = [hit(contact, seed=seed) for seed, contact in enumerate(CONTACTS)]
-    made = fitting(takes, contacts=CONTACTS, way="table")
+    made = fitting(takes, contacts=CONTACTS, interpolation="table")
     assert isinstance(made.model.gains, TimbreTable)
     table = made.model.gains
     found = (table.at(CONTACTS[:, None], np.zeros((9, 3))) * table.toward([[1.0, 0, 0]])).sum(
@@ -385,8 +385,8 @@ def test_modes_that_are_all_too_weak_to_measure_are_refused() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"way": "cloud"}, "way is 'cloud'"),
-        ({"way": "table"}, "way is about the places where it was struck"),
+        ({"interpolation": "cloud"}, "interpolation is 'cloud'"),
+        ({"interpolation": "table"}, "interpolation is about the places where it was struck"),
         ({"centre": (0, 0, 1)}, "centre is about the places"),
         ({"symmetry": "axial"}, "symmetry is about the places"),
         ({"method": "magic"}, "method is 'magic'"),

@@ -22,7 +22,17 @@ from struck.recordings.fit import Fitting, files_read, fit_recordings
 from struck.report.fit_page import save_report
 
 _SAME = (
-    *("manifest", "symmetry", "centre", "radius", "way", "method", "residual", "force", "cache"),
+    *(
+        "manifest",
+        "symmetry",
+        "centre",
+        "radius",
+        "interpolation",
+        "method",
+        "residual",
+        "force",
+        "cache",
+    ),
     *("pitch", "geometry", "onsets"),
 )
 
@@ -65,7 +75,9 @@ def declare(parser: argparse.ArgumentParser) -> None:
         help="times of the hits in a recording, s; once for each recording; default: detected",
     )
     parser.add_argument(
-        "--way", default="field", help="form of the gains: field (default) or table"
+        "--interpolation",
+        default="field",
+        help="interpolation of the gains over places: field (default) or table",
     )
     parser.add_argument(
         "--method", default="shared", help="estimator of the modes: shared (default) or corbett2007"

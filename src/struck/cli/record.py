@@ -140,7 +140,7 @@ class Terminal:
 
 def _result(plan: CapturePlan, outcome: Outcome) -> Result:
     refusal_note = f", {len(outcome.refusals)} refused" if outcome.refusals else ""
-    existing_note = f" ({outcome.kept} were there)" if outcome.kept else ""
+    existing_note = f" ({outcome.earlier} were there)" if outcome.earlier else ""
     return Result(
         [
             f"recorded {outcome.recorded} of {plan.count} takes{existing_note}{refusal_note}",
@@ -149,7 +149,7 @@ def _result(plan: CapturePlan, outcome: Outcome) -> Result:
         manifest=str(outcome.manifest),
         planned=plan.count,
         recorded=outcome.recorded,
-        kept=outcome.kept,
+        earlier=outcome.earlier,
         refusals=[asdict(refusal) for refusal in outcome.refusals],
     )
 

@@ -191,7 +191,7 @@ class SampledField:
     def model(self, interpolation: str | None = None, *, radius: float | None = None) -> ModalModel:
         """Return the modal model: a product of contact and listener patterns, or a linear table."""
         chosen = self.interpolation if interpolation is None else interpolation
-        require_choice("way", chosen, WAYS)
+        require_choice("interpolation", chosen, WAYS)
         natural = np.hypot(self.frequencies, self.decays / (2 * np.pi))
         order = np.argsort(natural, kind="stable")
         sorted_field = replace(

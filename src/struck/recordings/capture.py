@@ -99,7 +99,7 @@ class Outcome:
 
     manifest: Path  # for `read_manifest`
     recorded: int  # takes of this run
-    kept: int  # takes of earlier runs
+    earlier: int  # takes of earlier runs, which were not recorded again
     refusals: tuple[Refusal, ...]
 
 
@@ -202,7 +202,7 @@ class _Session:
         return Outcome(
             manifest=self._log.path,
             recorded=self._new_count,
-            kept=self._earlier_count,
+            earlier=self._earlier_count,
             refusals=tuple(self._refusals),
         )
 

@@ -105,7 +105,7 @@ def fit_recordings(
     symmetry: str | None = None,
     centre: ArrayLike | None = None,
     radius: float = 0.0,
-    way: str = "field",
+    interpolation: str = "field",
     method: str = "shared",
     modes: int | None = 64,
     onsets: Sequence[Sequence[float]] | None = None,
@@ -142,7 +142,7 @@ def fit_recordings(
     >>> bool(fitting.fitted.frequency_errors[0] < 0.01)
     True
     """
-    _require(way, method, radius, modes)
+    _require(interpolation, method, radius, modes)
     _require_blow(blow, residual=residual)
     surface = geometry if isinstance(geometry, Mesh | None) else _surface(geometry)
     recording_set = RecordingSet.of(
@@ -154,7 +154,7 @@ def fit_recordings(
         centre=centre,
         progress=progress,
     )
-    _require_use(recording_set, way, radius)
+    _require_use(recording_set, interpolation, radius)
     seconds = None if room is None else reverberation(room)
     options = {"method": method, "budget": modes, "onsets": onsets}
     fit = _fit_takes(recording_set.takes, options, cache, progress)
@@ -164,7 +164,7 @@ def fit_recordings(
     fit = fit.of(np.argsort(natural, kind="stable"))
     residual_option = residual if blow is None else False
     fitting = _make_fitting(
-        fit, recording_set, seconds, way, radius, method, residual=residual_option
+        fit, recording_set, seconds, interpolation, radius, method, residual=residual_option
     )
     model = fitting.model if blow is None else without_blow(fitting.model, blow, fitting.lead)
     if pitch is not None or surface is not None:
@@ -192,7 +192,7 @@ def _fit_takes(
 def _require(interpolation: str, method: str, radius: float, modes: int | None) -> None:
     if modes is not None and not (isinstance(modes, int | np.integer) and modes >= 1):
         raise OptionError(f"modes is {modes!r}: give a whole number of at least 1, or None for all")
-    require_choice("way", interpolation, WAYS)
+    require_choice("interpolation", interpolation, WAYS)
     require_choice("method", method, METHODS)
     if not (np.isfinite(radius) and radius >= 0):
         raise OptionError(f"radius is {radius}: give that of a ball around the body, m, at least 0")
@@ -256,7 +256,7 @@ def _require_use(recording_set: RecordingSet, interpolation: str, radius: float)
     if recording_set.contacts is not None or recording_set.listeners is not None:
         return
     options = {
-        "way": interpolation != "field",
+        "interpolation": interpolation != "field",
         "radius": radius > 0,
         "symmetry": recording_set.symmetry != "none",
     }

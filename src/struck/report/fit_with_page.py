@@ -33,7 +33,7 @@ def fit(
     symmetry: str | None = None,
     centre: ArrayLike | None = None,
     radius: float = 0.0,
-    way: str = "field",
+    interpolation: str = "field",
     method: str = "shared",
     modes: int | None = 64,
     onsets: Sequence[Sequence[float]] | None = None,
@@ -70,7 +70,7 @@ def fit(
     radius : float, default 0.0
         Radius of a sphere about the centre that encloses the body, m. Listeners within it are
         treated as inside the body.
-    way : {"field", "table"}, default "field"
+    interpolation : {"field", "table"}, default "field"
         Form of the gains. "field": the product of a function of the contact and a function of the
         listener, for each mode. "table": all measured gains on a grid of contacts and listeners,
         with linear interpolation in five dimensions (Corbett et al. 2007).
