@@ -487,7 +487,8 @@ def _require_complete(nodes: Array, missing: Mask, what: str) -> None:
     if missing.any():
         raise OptionError(
             f"{np.count_nonzero(missing)} of {len(nodes)} places of the grid were not recorded, "
-            f"the first at {nodes[missing][0].tolist()} ({what}): record them, or give interpolation='field'"
+            f"the first at {nodes[missing][0].tolist()} ({what}): record them, or give "
+            "interpolation='field'"
         )
 
 
@@ -501,6 +502,7 @@ def _means(survey: Survey) -> Complex:
         contact, listener = np.argwhere(counts == 0)[0]
         raise OptionError(
             f"{np.count_nonzero(counts == 0)} of {counts.size} pairs were not recorded, the first "
-            f"contact {contact} with listener {listener}: record them, or give interpolation='field'"
+            f"contact {contact} with listener {listener}: record them, or give "
+            "interpolation='field'"
         )
     return sums / counts[:, :, None]
