@@ -300,7 +300,7 @@ USES: dict[str, tuple[Callable[[], object], tuple[str, ...]]] = {
     ),
     "a block by its edges alone": (
         shell("analyze", "block:10x5x3", "--material", "steel"),
-        ("'block:10x5x3' does not say", "give block:size=0.1,0.05,0.03"),
+        ("'block:10x5x3' does not describe", "give block:size=0.1,0.05,0.03"),
     ),
     "a block of 10 m": (
         shell("analyze", "block:size=10x5x3", "--material", "steel"),
@@ -911,7 +911,7 @@ def test_quiet_commands_tell_no_progress(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(folder)
-    monkeypatch.setattr(provenance, "_QUIET", 0.0)  # s until a first line
+    monkeypatch.setattr(provenance, "_FIRST_DELAY", 0.0)  # s until a first line
     words = ["render", "b.struck", "--seconds", "0.1", "-o", "quiet.wav"]
     assert main(words) == 0
     assert capsys.readouterr().err == "struck: computing the sound\n"

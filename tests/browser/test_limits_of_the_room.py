@@ -56,7 +56,7 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> struck.ModalModel:
     model = struck.analyze(body, "steel", band=(20.0, 300.0))
     assert model.geometry is not None
     halved_once = 48 * len(model.frequencies) * len(model.geometry.points)
-    monkeypatch.setattr(page_files, "MOST_BYTES", halved_once)
+    monkeypatch.setattr(page_files, "MAX_SHAPE_BYTES", halved_once)
     return model
 
 

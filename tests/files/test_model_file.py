@@ -184,7 +184,7 @@ def test_files_without_recoil_are_those_before_it(tmp_path: Path) -> None:
     ],
 )
 def test_damaged_recoil_is_refused(tmp_path: Path, change: dict[str, object], words: str) -> None:
-    text, tensors = model_file._kept(recoiling())
+    text, tensors = model_file._serialise(recoiling())
     text["recoil"] |= change
     written = json.dumps(text, default=model_file._plain)
     data = pack(tensors, {"format": "struck", "version": "1", "json": written})

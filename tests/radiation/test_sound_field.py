@@ -122,7 +122,7 @@ def solved_again(**given: object) -> None:
 def test_net_flux_is_that_of_the_bodys_own_surface(block: struck.ModalModel) -> None:
     gains = shaped(block)
     plan, modes = FieldPlan.of(gains, block.natural_frequencies, BAND), np.arange(gains.count)
-    mesh = sound_field.remeshed(plan.skin.mesh, 2 * plan.edges[0], plan.wall)
+    mesh = sound_field.remesh(plan.skin.mesh, 2 * plan.edges[0], plan.wall)
     velocities = velocities_on(mesh, gains, plan.skin, modes)
     own = np.einsum("fd,fcdm->m", gains.surface.area_vectors, gains.shapes[gains.surface.faces])
     scale = mesh.areas @ np.abs(velocities)

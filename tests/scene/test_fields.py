@@ -134,7 +134,9 @@ def test_a_wall_is_a_second_body_that_is_mirrored(listener: Mono | Stereo) -> No
 def test_many_images_of_a_field_are_refused() -> None:
     room = Room(size=(4.0, 4.0, 4.0), order=5)
     body = Body(model=MODEL, excitations=SOFT, position=(1, 2, 2))
-    with pytest.raises(OptionError, match=r"makes 231 images .* at most 129: give an order= of 4"):
+    with pytest.raises(
+        OptionError, match=r"makes 231 images .* at most 129 of them: give an order= of 4"
+    ):
         render(body, listener=Mono(position=(3, 2, 2)), room=room, seconds=0.1, fade=0)
 
 

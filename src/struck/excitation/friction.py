@@ -11,15 +11,14 @@ so that it is never a pull: it decays towards 0 where the surface falls, and sta
 load where it rises. A constant load is silent and left out.
 
 - *Speed.* g(v) = 0.05 (v / 1 m/s)^(3/4) is the fraction of the heights that compresses the dent;
-the tip follows the rest as it moves up and down. A roller, all of whose mass would have to move,
+  the tip follows the rest as it moves up and down. A roller, all of whose mass would have to move,
   has a factor of 0.3. The level of rubbing noise is a linear function of the logarithm of speed and
   of roughness (Ben Abdelounis, Le Bot, Perret-Liaudet & Zahouani, Wear 268, 335 (2010)); the
   exponent is 3/4, or 4.5 dB per doubling ("Influence of sliding speed on roughness noise", 2019,
   experiment and simulation).
 - *Roughness.* The force of smooth surfaces, X below 1, is proportional to their heights, that of
-rough ones, which the dent cannot take, to their power 0.4. Twice the load is louder by 2^(1/3) when
-smooth
-  and by 2^0.73 when rough.
+  rough ones, which the dent cannot take, to their power 0.4. Twice the load is louder by 2^(1/3)
+  when smooth and by 2^0.73 when rough.
 - *Contact.* The circle of contact has the radius a = (3 load R / (4 E*))^(1/3); averaging over its
   pressure, sqrt(1 - (r/a)^2), multiplies waves of wavenumber q by 3 (sin qa - qa cos qa) / (qa)^3.
   Waves longer than half a millimetre are followed: they count as the square of 0.5 mm over that.

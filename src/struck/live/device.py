@@ -379,7 +379,7 @@ class PortAudio:
 
         Parameters
         ----------
-        wanted : int or str, optional
+        selector : int or str, optional
             Number of the device, or a part of its name. Default: the default device.
 
         Returns
@@ -394,7 +394,7 @@ class PortAudio:
 
         Parameters
         ----------
-        wanted : int or str, optional
+        selector : int or str, optional
             Number of the device, or a part of its name. Default: the default device.
 
         Returns

@@ -146,7 +146,7 @@ class Player:
             Number of the body, or its name in the scene.
         moment : float, optional
             Time on the clock of the player (`now`), s. Default: at once.
-        **given
+        **options
             Arguments of a `Strike`, instead of one.
 
         Raises

@@ -408,7 +408,7 @@ class TimbreField(RecordedGains):
         worst : float, default 0.1
             Error of a part, relative to its root mean square, above which a mode counts as not
             measured.
-        own : array (M,) of bool, optional
+        object_modes : array (M,) of bool, optional
             Modes of the object, to which the notes are limited. Default: all.
 
         Returns

@@ -52,9 +52,9 @@ class Fitting:
     ----------
     model : ModalModel
         The model.
-    fitted : Fitted
+    fitted : PoleFit
         Shared poles, gains of each channel of each hit, standard errors, verdict and notes.
-    recorded : Recorded
+    recorded : RecordingSet
         The takes with their contacts and listeners.
     survey : Survey or None
         Gains over contact and listener. None: a model of a single point.

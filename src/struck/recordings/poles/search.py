@@ -629,7 +629,7 @@ def fit_poles(
         Default: the whole sound if there is a budget.
     progress : callable, optional
         Called as ``progress(stage, fraction)``. Default: silent.
-    kept : callable, optional
+    run_stage : callable, optional
         Called with a name and a function that computes a stage; returns its result, from a cache if
         possible. Default: no cache.
 
