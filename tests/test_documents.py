@@ -25,6 +25,7 @@ EXAMPLES = sorted((ROOT / "examples").rglob("*.py"))
 GALLERY = "examples/gallery/"
 # Each takes seconds, and shows what a test elsewhere samples: make prove runs them.
 DEAR = {
+    "README.md",
     "docs/how-to/closed_forms.md",
     "docs/how-to/data_sets.md",
     "docs/how-to/fit_recordings.md",
@@ -112,6 +113,13 @@ def as_a_person_works(
     folder = tmp_path_factory.getbasetemp()
     shared = folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
     monkeypatch.setenv("STRUCK_CACHE", str(shared / "documents"))
+
+
+def test_python_of_the_readme_runs() -> None:
+    """Its shell lines, which show what tests of `cli` sample, run with the other pages."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    (block,) = [block for block in BLOCK.finditer(text) if block["kind"] == "python"]
+    run_python(block["code"], {"__name__": "__main__"}, ROOT / "README.md", 0)
 
 
 @pytest.mark.parametrize("page", [in_its_run(page) for page in PAGES])
@@ -233,6 +241,7 @@ pathlib.Path.home = homeless
 """
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize("home", [pytest.param("read-only", marks=pytest.mark.prove), "none"])
 def test_first_run_needs_no_home(home: str, tmp_path: Path) -> None:
     environment = homeless(tmp_path)

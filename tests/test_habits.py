@@ -932,6 +932,7 @@ def test_options_that_nothing_uses_are_told() -> None:
         struck.save(model, "m.wav")
 
 
+@pytest.mark.prove
 def test_a_body_of_a_surface_in_memory_is_chosen() -> None:
     far = trimesh.creation.box((0.05, 0.03, 0.02)).apply_translation((0.3, 0, 0))
     both = trimesh.util.concatenate([trimesh.creation.box((0.1, 0.05, 0.02)), far])

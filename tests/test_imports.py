@@ -52,6 +52,7 @@ def test_a_public_name_is_imported_when_it_is_used() -> None:
     assert done.stdout.split() == ["False", "True", "False"]
 
 
+@pytest.mark.prove
 def test_each_public_name_is_there_first_of_all() -> None:
     program = f"""if True:
         import importlib, sys

@@ -56,12 +56,12 @@ def test_parts_take_equally_long() -> None:
 
 @pytest.fixture(scope="module")
 def tests_of_three_kinds(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder of thirty files, each with a test, two proofs and a timed proof."""
+    """Return a folder of twelve files, each with a test, two proofs and a timed proof."""
     folder = tmp_path_factory.mktemp("kinds")
     (folder / "pytest.ini").write_text(
         "[pytest]\nmarkers = prove\n timed\naddopts = -m 'not prove'\n"
     )
-    for number in range(30):
+    for number in range(12):
         (folder / f"test_{number}.py").write_text(
             "import pytest\n"
             "def test_sample(): pass\n"
@@ -89,7 +89,7 @@ def test_parts_hold_the_untimed_proofs_once(tests_of_three_kinds: Path) -> None:
     untimed = ("-m", "prove and not timed")
     _, proofs = collected(tests_of_three_kinds, *untimed)
     parts = [collected(tests_of_three_kinds, *untimed, "--part", f"{k}/4") for k in range(1, 5)]
-    assert len(proofs) == 90
+    assert len(proofs) == 36
     assert all(code == 0 for code, _ in parts)
     assert sorted(name for _, names in parts for name in names) == sorted(proofs)
     assert collected(tests_of_three_kinds, *untimed, "--part", "2/4") == parts[1]

@@ -48,6 +48,7 @@ def test_linear_volume_files_are_made_quadratic(tmp_path: Path, bar: struck.Moda
     assert read.frequencies == pytest.approx(bar.frequencies, rel=1e-9)
 
 
+@pytest.mark.prove
 def test_a_surface_in_memory_equals_its_file(box: struck.ModalModel) -> None:
     surface = Mesh(points=BOX.vertices / 1000, faces=BOX.faces)
     memory = struck.analyze(surface, "glass", accuracy="preview")

@@ -131,7 +131,7 @@ def ended_at_stage(analysis: Analysis, process: subprocess.Popen[str], count: in
 @pytest.mark.parametrize(
     "kills",
     [
-        pytest.param([(2, 0.2)], id="amid a stage"),
+        pytest.param([(2, 0.2)], id="amid a stage", marks=pytest.mark.prove),
         pytest.param(
             [(count, 0.0) for count in range(1, STAGES)],
             id="at every stage",

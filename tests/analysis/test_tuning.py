@@ -172,6 +172,7 @@ def test_rounding_in_the_elements_refuses_no_tuning() -> None:
         assert found.body.length == found.after[0]
 
 
+@pytest.mark.prove
 def test_what_is_not_reached_tells_what_was_tried(monkeypatch: pytest.MonkeyPatch) -> None:
     tube = Tube(length=0.5, radius=0.0125, wall=0.001, elements=(8, 12, 1))
     with pytest.raises(OptionError) as refused:

@@ -169,6 +169,7 @@ def test_each_label_is_that_of_its_sound(done: tuple[Path, BatchReport, float]) 
         assert 1.0 < distance < 1.2
 
 
+@pytest.mark.prove
 def test_control_c_ends_within_a_second_and_kills_leave_whole_files_alone(
     done: tuple[Path, BatchReport, float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -432,6 +433,7 @@ def test_25_kills_leave_whole_files_alone(tmp_path: Path) -> None:
         ends_as(contents(tmp_path / "out"), report.folder, finished)
 
 
+@pytest.mark.prove
 def test_sounds_of_an_earlier_run_stay_and_are_counted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -54,6 +54,7 @@ def told(visit: Visit) -> list[str]:
     return visit.page.locator(".message", has_not_text="WebGL").all_inner_texts()
 
 
+@pytest.mark.prove
 def test_first_of_the_list_is_chosen_though_it_comes_last(
     browser: Browser, explorer: Explorer
 ) -> None:
@@ -177,6 +178,7 @@ def test_blow_is_heard_though_the_number_of_modes_changes_at_once(
     visit.context.close()
 
 
+@pytest.mark.prove
 def test_refused_change_leaves_the_material_that_sounds(
     browser: Browser, explorer: Explorer
 ) -> None:
@@ -190,6 +192,7 @@ def test_refused_change_leaves_the_material_that_sounds(
     visit.context.close()
 
 
+@pytest.mark.prove
 def test_lost_server_is_told_once_and_one_that_was_started_again_says_reload(
     browser: Browser, models: list[struck.ModalModel]
 ) -> None:

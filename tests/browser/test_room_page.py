@@ -296,6 +296,7 @@ NO_DEVICE = """
 NO_SIMD = "WebAssembly.validate = () => false;"
 
 
+@pytest.mark.prove
 def test_what_the_browser_lacks_is_said_and_keys_still_strike(
     browser: Browser, explorer: Explorer
 ) -> None:

@@ -411,6 +411,7 @@ CLICKS = """
 """
 
 
+@pytest.mark.prove
 def test_two_hundred_clicks_are_faster_than_real_time_and_leave_no_memory(
     visit: Visit,
 ) -> None:
@@ -458,6 +459,7 @@ LIVE = """
 """
 
 
+@pytest.mark.prove
 def test_on_the_clock_a_strike_sounds_and_an_overloaded_worklet_counts_underruns(
     visit: Visit, models: list[ModalModel]
 ) -> None:
@@ -504,6 +506,7 @@ REFUSED = """
 """
 
 
+@pytest.mark.prove
 def test_what_cannot_be_is_refused_in_a_sentence_and_another_body_takes_the_place(
     visit: Visit, models: list[ModalModel]
 ) -> None:
@@ -522,6 +525,7 @@ def test_what_cannot_be_is_refused_in_a_sentence_and_another_body_takes_the_plac
     assert (told["dropped"], told["heard"]) == (0, True)
 
 
+@pytest.mark.prove
 def test_without_isolation_core_or_head_sound_goes_on_and_the_page_says_so(
     browser: Browser, models: list[ModalModel]
 ) -> None:

@@ -64,6 +64,7 @@ def test_a_plate_is_found_to_be_what_it_is(pot: Path, capsys: pytest.CaptureFixt
     assert np.median(nearest) < 0.01
 
 
+@pytest.mark.prove
 def test_what_is_found_is_said_as_a_material(pot: Path, capsys: pytest.CaptureFixture[str]) -> None:
     corrected = pot / "real.struck"
     words = ["calibrate", str(pot / "pot.struck"), str(pot / "tap0.wav"), "--density", "7850"]
@@ -123,6 +124,7 @@ def test_what_cannot_be_is_told_before_anything_is_fitted(
     assert {path: path.read_bytes() for path in pot.iterdir()} == before
 
 
+@pytest.mark.prove
 @pytest.mark.filterwarnings("ignore::struck.errors.LossWarning")
 @pytest.mark.parametrize("name", ["Taps.STRUCK", "taps.sofa"])
 def test_one_fitted_model_is_as_good_as_recordings(

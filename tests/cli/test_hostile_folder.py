@@ -69,12 +69,11 @@ CASES: Mapping[str, Case] = {
     "analyze-many": Case(
         "ball.stl --material steel --accuracy preview -o models --processes 1",
         ("models/ball.struck", "models/report.html"),
-        default=True,
     ),
     "radiate": Case("bar.struck --band 20,1000 -o made.struck", ("made.struck",)),
     "info": Case("ball.stl", default=True),  # which another process reads
     "show": Case("bar.struck -o made.png", ("made.png",)),  # see the picture of a clean folder
-    "render": Case("bar.struck --strike end -o made.wav", ("made.wav",)),
+    "render": Case("bar.struck --strike end -o made.wav", ("made.wav",), default=True),
     "simulate": Case(
         "scene.xml --seconds 0.2 --ring 0.1 --accuracy preview --restitution 0.5 "
         "--material tile=steel --material shelf=steel -o made.wav",

@@ -13,6 +13,7 @@ from struck.excitation.excitation import drive
 from tests.excitation.bodies import SIZE, WAVENUMBERS, plate
 
 
+@pytest.mark.prove
 def test_a_disc_weakens_each_wave_as_a_bessel_function() -> None:
     contact = plate().contact((0.05, 0.03, SIZE[2] / 2), (0, 0, -1))
     signs = np.sign(plate().gains.shapes[0, 2] * np.cos(WAVENUMBERS * -SIZE[0] / 2 + 0.3))

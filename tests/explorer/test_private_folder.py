@@ -61,6 +61,7 @@ def wait_for(path: Path) -> None:
         time.sleep(0.02)
 
 
+@pytest.mark.prove
 def test_sigterm_and_sighup_leave_nothing_and_the_browser_gets_no_token(
     model: Path, tmp_path: Path
 ) -> None:

@@ -462,6 +462,7 @@ SHARING = """
 """
 
 
+@pytest.mark.prove
 def test_eight_processes_on_one_cache_agree(tmp_path: Path) -> None:
     command = [sys.executable, "-W", "error", "-c", textwrap.dedent(SHARING), str(tmp_path)]
     started = [

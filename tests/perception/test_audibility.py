@@ -148,6 +148,7 @@ def test_bad_arguments_are_refused() -> None:
         audible(without)
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize("modes", [12, pytest.param(40, marks=pytest.mark.prove)])
 def test_a_budget_of_modes_keeps_the_sonic_distance_that_it_states(modes: int) -> None:
     plate = RectangularPlate(length=0.3, width=0.2, thickness=0.002, edges="free")

@@ -63,6 +63,7 @@ def orders(cells: tuple[int, ...], *, quadratic: bool, lumped: bool = False) -> 
     return -np.diff(np.log(errors)) / np.diff(np.log(cells))
 
 
+@pytest.mark.prove
 def test_order_of_quadratic_tetrahedra() -> None:
     assert orders((4, 8), quadratic=True)[-1] >= 3.3
 

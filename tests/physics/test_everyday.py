@@ -84,6 +84,7 @@ def material(name: str) -> str:
     return "glass" if "glass" in name else "steel"
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize(
     "name",
     ["undercut bar", *(pytest.param(name, marks=pytest.mark.prove) for name in THIN)],

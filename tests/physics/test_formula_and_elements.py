@@ -51,6 +51,7 @@ def criterion(one: Array, space: Array) -> float:
     return float(np.square(basis.T @ one).sum())
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize("name", SAMPLE)
 def test_formula_and_elements_agree(name: str) -> None:
     check(name, "standard")

@@ -73,6 +73,7 @@ def test_another_material_sounds_as_if_computed_again(body: struck.ModalModel) -
         np.testing.assert_allclose(shaped(again).outputs, expected, rtol=SAME)
 
 
+@pytest.mark.prove
 def test_no_pair_of_equal_harmonics_is_cut() -> None:
     """The 64th and 65th of a can are a pair, of which rounding chose one: outputs went by it."""
     can = struck.analyze(

@@ -188,6 +188,7 @@ def test_a_thin_wall_makes_the_stated_error_larger(bowl: struck.ModalModel) -> N
     assert 0.01 < told < 0.2
 
 
+@pytest.mark.prove
 def test_elements_too_large_for_a_wall_are_made_smaller() -> None:
     can, wall = bodies.tube(0.05, 0.001, 0.05, 32, 8), 0.000995
     edge = wall / 0.15  # as a plan has it

@@ -32,6 +32,7 @@ def take(blow: Strike, level: float = 60.0) -> Take:
     return Take(samples=sound, sample_rate=RATE)
 
 
+@pytest.mark.prove
 def test_gains_are_those_of_the_body_once_the_blow_is_divided_out() -> None:
     held = struck.fit([take_sound(BLOW)], cache=False)
     freed = struck.fit([take_sound(BLOW)], blow=BLOW, cache=False)

@@ -13,6 +13,7 @@ from struck.recordings.takes import Take
 from tests.recordings.scenes import LEAD, RATE, hummed, scene, score
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize(
     "seed", [0, *(pytest.param(s, marks=pytest.mark.prove) for s in range(1, 5))]
 )

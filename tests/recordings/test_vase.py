@@ -164,6 +164,7 @@ def test_levels_around_point_sources_are_told_by_their_sound() -> None:
     assert medians[1] - medians[0] <= 0.3
 
 
+@pytest.mark.prove
 def test_a_walk_round_it_is_as_smooth_as_standing_still(
     whole: tuple[Fitting, list[tuple[str, float]]], tmp_path: Path
 ) -> None:

@@ -76,6 +76,7 @@ def test_levels_are_those_of_the_contacts() -> None:
     assert any("absolute" in line for line in found.summary())
 
 
+@pytest.mark.prove
 def test_equal_bodies_are_equal_wherever_they_are_struck() -> None:
     """Elements of one block, coarse and fine, and one of another size."""
     block, band = Block(size=(0.2, 0.05, 0.01)), (20, 5000)

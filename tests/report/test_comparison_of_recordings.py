@@ -221,6 +221,7 @@ def test_a_field_is_struck_where_it_was_recorded_best(vase: Vase) -> None:
     assert compare(field, point_of(vase)).level_offset == told.level_offset
 
 
+@pytest.mark.prove
 def test_a_fitted_model_is_beside_its_own_recording_as_it_was_fitted(bar: ModalModel) -> None:
     """A soft blow takes modes of its own, which a recording of another blow need not have."""
     soft, other = (

@@ -47,6 +47,7 @@ def test_a_recorded_drum_becomes_a_model_and_a_page(tmp_path: Path) -> None:
         assert struck.Sound.load(tmp_path / f"{NAME}_{name}.wav").peak > 0
 
 
+@pytest.mark.prove
 def test_pages_tell_formulas_from_elements_and_which_damping_is_used() -> None:
     origin = import_module("struck.report.gallery")._origin
     tube = struck.solids.Tube(length=0.1, radius=0.0125, wall=0.001)

@@ -63,6 +63,7 @@ def test_a_supported_plate_has_straight_lines_at_equal_parts() -> None:
             assert min(off) < cell, (m, n, point)  # where lines cross a cell may be cut
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize("edge", ["clamped", "free"])
 def test_a_circular_plate_has_circles_and_diameters(edge: str) -> None:
     """Of n diameters and s circles within the edge, by the order of the modes (Leissa 1969)."""

@@ -205,6 +205,7 @@ def test_a_hand_may_hold_a_body_of_thousands_of_modes() -> None:
     assert np.isfinite(held.samples).all()
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize(
     ("strike", "few", "seconds"),
     [

@@ -113,6 +113,7 @@ def test_forms_with_sources_are_orthonormal(hook: Vibration) -> None:
     assert len(hook.forms.sources) > 50  # type: ignore[attr-defined]
 
 
+@pytest.mark.prove
 @each_vibration
 def test_forms_solve_the_wave_equation(name: str, request: pytest.FixtureRequest) -> None:
     """Weber 1869: the mean over a circle is J_0(k radius) times the value in its middle."""

@@ -71,8 +71,9 @@ def test_smooth_lips_are_followed() -> None:
 
 @pytest.mark.parametrize(
     ("accuracy", "highest", "off"),
-    [("preview", 3.0, 0.03), pytest.param("standard", 4.0, 0.005, marks=pytest.mark.prove)],
+    [("preview", 3.0, 0.03), ("standard", 4.0, 0.005)],
 )
+@pytest.mark.prove
 def test_a_ball_has_the_modes_of_a_ball(accuracy: str, highest: float, off: float) -> None:
     model = struck.analyze(BALL, ALUMINIUM, band=(20, highest * UNIT), accuracy=accuracy)
     true = exact(highest) * UNIT

@@ -128,7 +128,7 @@ def analyze(
     material : Material or str
         A material, or its name as listed by `struck.materials`.
     units : {"m", "cm", "mm", "in", "ft"}, optional
-        Unit of the coordinates. Default: the unit stored in the file or object, otherwise metres.
+        Unit of the coordinates. Default: the unit of a mesh object that has one, otherwise metres.
     size : float, optional
         Scale the body so that the longest edge of its bounding box has this length, m.
     part : str, optional

@@ -106,7 +106,7 @@ class _Mode:
         return f"{self.family or 'mode'} {self.number}"
 
     def natural(self, body: Body, material: Material, accuracy: str, start: float) -> float:
-        """Return its natural frequency, looked for from `about` on, Hz."""
+        """Return its natural frequency, looked for from `start` on, Hz."""
         if is_shape(body):
             if self.family in {"", "bending"}:
                 return self._first(body.vibration(material, f).frequencies for f in _up(start))

@@ -334,7 +334,8 @@ class Room:
         Raises
         ------
         OptionError
-            If a source or listener is outside the room, or the sample rate is not a whole number.
+            If a source or listener is outside the room, the sample rate is not a whole number of at
+            least 4,000, or the order is not from 0 to 60.
         MissingDependencyError
             If pyroomacoustics is not installed.
         """

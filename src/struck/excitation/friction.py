@@ -7,8 +7,8 @@ is
 
     F = load (1 + y / sqrt(1 + (y / 0.8)^2)),  y = g(v) x / (1 + X^0.6),  X = rms of x
 
-so that it is never a pull: it decays towards 0 where the surface falls, and stays below twice the
-load where it rises. A constant load is silent and left out.
+so that it is never a pull: it stays above 0.2 of the load where the surface falls, and below 1.8 of
+it where it rises. A constant load is silent and left out.
 
 - *Speed.* g(v) = 0.05 (v / 1 m/s)^(3/4) is the fraction of the heights that compresses the dent;
   the tip follows the rest as it moves up and down. A roller, all of whose mass would have to move,
@@ -149,7 +149,7 @@ class Tool:
 
         Returns
         -------
-        Rubbed
+        SlidingContact
             Finish, contact modulus, radius and seed of the contact.
         """
         tip = Striker.named(self.striker)

@@ -200,7 +200,7 @@ def load_surface(
     path : path
         The file.
     units : {"m", "cm", "mm", "in", "ft"}, optional
-        Unit of the coordinates. Default: the unit stored in the file, otherwise metres.
+        Unit of the coordinates. Default: metres.
     size : float, optional
         Scale the surface so that the longest edge of its bounding box has this length, m.
     part : str, optional
@@ -331,7 +331,7 @@ def list_parts(path: str | os.PathLike[str], *, units: str | None = None) -> tup
     path : path
         The file.
     units : {"m", "cm", "mm", "in", "ft"}, optional
-        Unit of the coordinates. Default: the unit stored in the file, otherwise metres.
+        Unit of the coordinates. Default: metres.
 
     Returns
     -------

@@ -420,10 +420,12 @@ def save(
     Raises
     ------
     FileFormatError
-        If the folder does not exist or cannot be written, or the ending is unknown.
+        If the folder does not exist or cannot be written, or the model holds what files cannot
+        keep.
     OptionError
-        If contacts or listeners are given for another format, or are missing for the ``.sofa`` file
-        of a computed model, or the model has no mode shapes for a ``.vtu`` file.
+        If the ending is unknown, contacts or listeners are given for another format, or are missing
+        for the ``.sofa`` file of a computed model, or the model has no mode shapes for a ``.vtu``
+        file.
 
     Warns
     -----

@@ -50,7 +50,7 @@ class Player:
     """Bodies that are struck, scraped, touched and held while they sound.
 
     Made by `struck.play`. All methods may be called from any thread at any rate. They return at
-    once and take effect two blocks and the latency of the device later, in the same order and at
+    once and take effect at most `latency` later, in the same order and at
     the same intervals as the calls. With a `moment` they take effect at that moment of the player's
     clock, to the sample.
 
@@ -403,9 +403,11 @@ class Player:
         Raises
         ------
         OptionError
-            If a simulation is running already.
+            If the player has a simulation already, or no scene.
         """
-        if self._stream is None or self._run is not None:
+        if self._stream is None:
+            raise OptionError("the player has no scene: begin it with struck.play(Scene(...))")
+        if self._run is not None:
             raise OptionError(
                 "this player has a simulation already: call struck.play again for another"
             )

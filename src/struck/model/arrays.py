@@ -98,7 +98,7 @@ def require_numbers(
 
 
 def _refuse_beyond(name: str, array: Array) -> None:
-    """Refuse numbers that are not finite or beyond `_MOST`."""
+    """Refuse numbers that are not finite or beyond `_MAX_MAGNITUDE`."""
     bad_numbers = array[~(np.abs(array).astype(np.float64) <= _MAX_MAGNITUDE)]
     if bad_numbers.size:
         raise OptionError(

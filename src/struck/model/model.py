@@ -659,7 +659,7 @@ class ModalModel:
     def _chosen(
         self, indices: Index, modes: Stiffness, *, size: float = 1, density: float = 1
     ) -> ModalModel:
-        """Return a copy with some modes, in the order of `kept`."""
+        """Return a copy with some modes, in the order of `indices`."""
         natural, slopes, errors = modes.frequencies[indices], modes.poisson_slopes, modes.errors
         gains = self.gains
         # If size and wavelengths scale together, so does the radiation: no new computation.

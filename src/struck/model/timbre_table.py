@@ -90,7 +90,7 @@ class SinglePoint(RecordedGains):
     outputs : array (M,), complex
         Recorded outputs, relative to the arrival of the sound.
     centre : array (3,), optional
-        Acoustic centre in body coordinates, m. Default: the origin.
+        Acoustic centre in the coordinates of the recorded body, m. Default: the origin.
     is_calibrated : bool, default False
         Whether outputs are in Pa/(N s).
     is_deconvolved : bool, default False
@@ -223,7 +223,7 @@ class TimbreTable(RecordedGains):
     mirrored : bool
         Whether gains at azimuths a and -a are equal.
     centre : array (3,)
-        Acoustic centre in body coordinates, m.
+        Acoustic centre in the coordinates of the recorded body, m.
     size : float, default 1.0
         Ratio of the size of the body to the recorded one.
     is_calibrated : bool, default False

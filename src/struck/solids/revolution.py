@@ -350,7 +350,7 @@ def bell(*, height: float = 0.2, radius: float = 0.125, sound_bow: float = 0.018
     Parameters
     ----------
     height : float, default 0.2
-        Distance from mouth to crown along the mid-line, m.
+        Height of the mid-line from mouth to crown, m.
     radius : float, default 0.125
         Radius of the mouth, m.
     sound_bow : float, default 0.018

@@ -111,6 +111,7 @@ def test_modes_that_change_places_with_poissons_ratio(plate: ModalModel) -> None
     assert len(pairing) > 25
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize("fits", [3, pytest.param(5, marks=pytest.mark.prove)])
 def test_confidence_is_how_often_pairs_are_right(plate: ModalModel, fits: int) -> None:
     """With errors of 15 cents many modes lie as close as these; which of such is heard is open."""

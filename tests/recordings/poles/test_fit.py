@@ -64,6 +64,7 @@ def test_a_measurement_names_the_modes_that_may_be_two_and_leaves_them_out() -> 
     assert not any("too weak" in each for each in played.notes)
 
 
+@pytest.mark.prove
 def test_takes_of_several_lengths_share_their_poles() -> None:
     takes = [bar(seed) for seed in range(3)]
     shorter = take(takes[1].samples[:, : LEAD + RATE // 2])

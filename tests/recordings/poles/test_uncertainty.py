@@ -78,6 +78,7 @@ def test_takes_differ_by_as_much_as_their_poles_do(spread: float) -> None:
     assert not any(map(np.any, between_takes(segments, np.zeros(2 * count, int), found)))
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize("spread", [0.0, 0.003])
 def test_a_fit_holds_what_differs_from_take_to_take(spread: float) -> None:
     chance, takes = np.random.default_rng(7), []

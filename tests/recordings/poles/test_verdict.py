@@ -23,7 +23,7 @@ def fit(samples: Array, every: int = 1, budget: int = 32) -> PoleFit:
     return fit_poles(Take(samples=samples[..., ::every], sample_rate=RATE // every), budget=budget)
 
 
-@pytest.mark.parametrize("lead", [0, LEAD])
+@pytest.mark.parametrize("lead", [0, pytest.param(LEAD, marks=pytest.mark.prove)])
 @pytest.mark.parametrize("heard", [music, speech, engine])
 @pytest.mark.parametrize("every", [4, pytest.param(1, marks=pytest.mark.prove)])
 def test_music_and_speech_are_refused(heard: Callable[..., Array], lead: int, every: int) -> None:
@@ -78,6 +78,7 @@ def test_a_hit_is_proven_by_more_than_its_gains_cost() -> None:
     assert is_proven(left, much_worse, 20)
 
 
+@pytest.mark.prove
 def test_takes_that_are_modal_one_by_one_are_told_so_when_refused_together() -> None:
     takes = []
     for seed in range(3):

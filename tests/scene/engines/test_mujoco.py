@@ -70,6 +70,7 @@ def test_momentum_of_free_bodies_closes(tmp_path: Path, cone: str, dimensions: i
         assert closure(contacts, name, body.mass[0], gained) < 1e-3
 
 
+@pytest.mark.prove
 def test_momentum_of_a_mesh_of_several_hulls_closes_in_wind(tmp_path: Path) -> None:
     channel().export(tmp_path / "channel.stl")
     bodies = (

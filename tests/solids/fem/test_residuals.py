@@ -102,6 +102,7 @@ def lowest(kind: str, count: int) -> Told:
     return Told(modes.errors[0], 2 * np.pi * modes.frequencies[0] / CUBE[0][0] - 1)
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize("kind", ["wedge6", pytest.param("tet4", marks=pytest.mark.prove)])
 def test_residual_errors_are_about_the_true_ones_and_fall_by_theory(kind: str) -> None:
     coarse, fine = lowest(kind, 4), lowest(kind, 8)

@@ -46,6 +46,7 @@ def test_smooth_bodies_stay_as_they_are() -> None:
     assert np.array_equal(kept.nodes, plain.nodes)
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize("mesh", [box(0.1, 0.07, 0.05), rod()], ids=["box", "rod"])
 def test_most_of_the_volume_off_the_edges_comes_back(mesh: Mesh) -> None:
     mesh = turned(mesh)

@@ -203,6 +203,7 @@ def test_parts_too_thin_for_the_lattice_are_refused() -> None:
         fill_body(FilledBody(mesh=Mesh(points=both.vertices, faces=both.faces)), "preview")
 
 
+@pytest.mark.prove
 def test_a_wire_that_passes_between_points_of_the_lattice_is_refused_with_a_way_out() -> None:
     ring = trimesh.creation.torus(0.5, 0.003, major_sections=256, minor_sections=12)
     way = (

@@ -70,6 +70,7 @@ def test_walls_that_meet_are_filled_to_their_corners(name: str, seed: int | None
     assert boundary.areas.sum() == pytest.approx(mesh.areas.sum(), rel=4e-3)
 
 
+@pytest.mark.prove
 def test_a_sound_hole_cuts_the_top_alone() -> None:
     """What carries its rim on would cut the back as well, which is less than two cells away."""
     mesh = everyday.guitar_box()

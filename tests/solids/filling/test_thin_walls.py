@@ -109,6 +109,7 @@ def test_a_round_lip_parts_the_outside_from_the_inside() -> None:
     assert (segments.faces < 0).any()  # what rounds off the lip is neither's
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize("spacing", [0.008, 0.01, 0.014])
 def test_a_rod_on_a_thin_body_stays_one_sheet(spacing: float) -> None:
     """Its surface bounds both sides of it and is short around: a mug's handle, a glass's stem."""

@@ -20,7 +20,7 @@ from struck.solids.surface.distance import FilledBody
 from tests.solids.surface.dirty_bodies import CLEAN, VERSIONS
 
 EVERY = [(name, number) for name in CLEAN for number in range(5)]
-COSTLY = {"ball", "bracket", "capsule", "cube", "hollow ball", "ring"}
+COSTLY = {"ball", "bracket", "capsule", "cube", "ellipsoid", "hollow ball", "ring"}
 SAMPLE = [(name, place % 5) for place, name in enumerate(CLEAN) if name not in COSTLY]
 REFUSED = {("cube", "lidless"), ("cylinder", "lidless")}
 

@@ -37,6 +37,7 @@ def solid() -> Repair:
     return repair_mesh(teapot())
 
 
+@pytest.mark.prove
 def test_its_volume_is_where_the_winding_number_exceeds_one_half(solid: Repair) -> None:
     given = teapot()
     low, high = given.bounds

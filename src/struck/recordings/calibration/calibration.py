@@ -458,7 +458,7 @@ def calibrated(
     RecordingError
         If fewer than three modes can be paired, or no more than by chance.
     OptionError
-        If `size_error` is negative.
+        If `size_error` is below 0 or above 1, or another bound is not met.
     """
     material = inferable(model, size_error)
     partials = Partials.of(fitted)
@@ -506,7 +506,7 @@ def inferable(model: ModalModel, size_error: float = 0.0) -> Material:
     MaterialError
         If tension, not stiffness, is the restoring force, or the material of the model is unknown.
     OptionError
-        If `size_error` is negative.
+        If `size_error` is below 0 or above 1, or another bound is not met.
     """
     hint = "give a relative error of at least 0"
     require_number("size_error", size_error, 0, 1, hint=hint)

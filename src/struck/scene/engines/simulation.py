@@ -113,7 +113,8 @@ class Simulation:
     FileFormatError
         If the file cannot be read, or names a file outside the folder.
     SimulationError
-        If the engine refuses the scene, with its message, or bodies overlap at the start.
+        If the engine refuses the scene, with its message, or bodies overlap at the start
+        by more than a tenth of the thinner one's width.
     OptionError
         If an argument is out of range, or a pattern matches no body.
     MissingDependencyError
@@ -374,7 +375,8 @@ def simulate(
     seconds : float, default 5.0
         Duration, s.
     control : callable, optional
-        Called as ``control(model, data)`` before each step, with the engine's objects.
+        Called as ``control(model, data)`` before each step, with MuJoCo's objects; an OptionError
+        with Rapier.
     progress : callable or None, optional
         As for `analyze`.
     **options
@@ -385,14 +387,15 @@ def simulate(
     scene : Scene
         The bodies with the models of their sounds. Its notes list bodies that are silent, and why.
     contacts : Contacts
-        One row for each contact and step.
+        One row for each contact that bears a force, and step.
 
     Raises
     ------
     FileFormatError
         If the file cannot be read, or names a file outside its folder.
     SimulationError
-        If the engine refuses the scene, or bodies overlap at the start.
+        If the engine refuses the scene, bodies overlap at the start by more than a tenth of the
+        thinner one's width, or the simulation explodes.
     OptionError
         If an option is out of range, or a pattern matches no body.
     MissingDependencyError
