@@ -16,8 +16,8 @@ import struck
 from struck import Scrape
 from struck.excitation import TouchLog
 from struck.excitation.excitation import Push
-from struck.excitation.friction import add_reading, levels_of
 from struck.excitation.roughness import Profile, Roughness
+from struck.excitation.sliding_force import add_reading, levels_of
 from struck.solids import Block
 from struck.synth.resonators import Resonators
 

@@ -132,6 +132,20 @@ def test_modules_do_not_import_each_other_in_circles() -> None:
     graphlib.TopologicalSorter(needed).prepare()  # raises CycleError, which names the circle
 
 
+def test_folders_within_a_subpackage_have_no_circles() -> None:
+    """A folder such as `solids.fem` counts as one, modules next to it one by one."""
+    graph = imports()
+
+    def unit(module: str) -> str:
+        return ".".join(module.split(".")[:3])
+
+    needed: dict[str, set[str]] = defaultdict(set)
+    for module in graph.modules:
+        needed[unit(module)] |= set(map(unit, graph.find_modules_directly_imported_by(module)))
+    needed = {name: others - {name} for name, others in needed.items() if name.count(".") == 2}
+    graphlib.TopologicalSorter(needed).prepare()  # raises CycleError, which names the circle
+
+
 def test_layers_hold() -> None:
     linter = Path(sys.executable).with_name("lint-imports")
     done = subprocess.run(

@@ -11,8 +11,8 @@ import numpy as np
 from struck import core as binding
 from struck.ears.delay_lines import READ, hear, interpolation_kernel
 from struck.excitation.excitation import Push
-from struck.excitation.friction import Levels, Reader, SlidingContact, add_reading
 from struck.excitation.roughness import Roughness
+from struck.excitation.sliding_force import Levels, Reader, SlidingContact, add_reading
 from struck.excitation.texture import Layers, add_heights
 from struck.excitation.touch import (
     Lines,
@@ -22,7 +22,7 @@ from struck.excitation.touch import (
     sample_lines,
     smooth_numbers,
 )
-from struck.live import callback, limiter, ring
+from struck.live import callback_memory, limiter, ring
 from struck.live.ears import EarsMemory
 from struck.model.arrays import AnyArray, Array, Index, Single
 from struck.model.exponentials import Exponentials
@@ -261,7 +261,7 @@ def called_back(random: Random, keep: Keep = lambda array: array) -> Iterator[Si
     poles = [Poles.of(_modes(random, count), 48000) for count in counts]
     size = {"points": points, "block": block, "voices": voices}
     stepped = Stepped(poles, **size, sample_rate=48000, quiet=0.1)
-    arena = callback.arena(stepped, volume=0.1)
+    arena = callback_memory.arena(stepped, volume=0.1)
     arena.last = keep(np.zeros((len(counts), points)))  # as for ears of so many points
     arena.beside, arena.points = arena.last.ctypes.data, points
     kept, sizes = [], {}
@@ -274,18 +274,18 @@ def called_back(random: Random, keep: Keep = lambda array: array) -> Iterator[Si
     records.memory = keep(records.memory)
     limits = keep(limiter.limiter(sample_rate=48000, channels=channels))
     given = {"arena": arena, "channels": channels, "block": block}
-    shared = callback.Shared(records=records, limited=limits, **given)
+    shared = callback_memory.Shared(records=records, limited=limits, **given)
     mix = keep(np.zeros(channels * block))
     shared._places.mix = mix.ctypes.data
     place, word = ctypes.c_void_p, ctypes.c_ulong
     prototype = ctypes.CFUNCTYPE(ctypes.c_int, place, place, word, place, word, place)
-    play, frames = prototype(callback.play()), keep(np.zeros((block, channels), np.float32))
+    play, frames = prototype(callback_memory.play()), keep(np.zeros((block, channels), np.float32))
     for number in range(12):
         slot = records.reserve() if random.random() < 0.7 else None
         if slot is not None:
             _write(random, layout.record(*slot), len(counts), block, first=number == 0)
             records.publish()
-        shared.counters[callback.OPEN] = random.random() < 0.9
+        shared.counters[callback_memory.OPEN] = random.random() < 0.9
         play(None, frames.ctypes.data, block, None, int(random.integers(8)), shared.address)
         yield frames.copy()
 

@@ -17,7 +17,7 @@ import pytest
 from struck import core as binding
 from struck.core import build
 from struck.errors import CoreWarning, OptionError
-from struck.live import callback, limiter, ring
+from struck.live import callback_memory, limiter, ring
 from struck.live.ears import EarsMemory
 from struck.synth import memory
 from tests.core import chance
@@ -182,7 +182,7 @@ def test_memory_is_laid_out_as_the_header_says() -> None:
             {"DRIVE_MOVED": "MOVED", "RECORD_COLUMNS": "_COLUMNS", "STRETCH": "_STRETCH"},
         ),
         ("limiter.c", limiter, {"HEAD": "_HEAD"}),
-        ("callback.h", callback, {}),
+        ("callback.h", callback_memory, {}),
     ],
 )  # fmt: skip
 def test_places_are_those_of_python(name: str, module: ModuleType, other: dict[str, str]) -> None:
@@ -195,8 +195,8 @@ def test_places_are_those_of_python(name: str, module: ModuleType, other: dict[s
     ("struct", "ours"),
     [
         ("live_ears", EarsMemory),
-        ("arena", callback.Arena),
-        ("shared", callback._Places),
+        ("arena", callback_memory.Arena),
+        ("shared", callback_memory._Places),
     ],
 )
 def test_structs_of_the_callback_are_those_of_python(

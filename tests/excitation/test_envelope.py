@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from scipy.signal import welch
 
 from struck.excitation.envelope import Envelope, Roller
-from struck.excitation.friction import FOLLOWED_LENGTH, SlidingContact
 from struck.excitation.roughness import Roughness
 from struck.excitation.scrape import Roll
+from struck.excitation.sliding_force import FOLLOWED_LENGTH, SlidingContact
 from tests.excitation.bodies import SIZE
 from tests.excitation.test_scrape import RATE, centroid, force
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.signal import welch
 
-from struck.excitation.friction import Reader, SlidingContact, force_variation
 from struck.excitation.path import Path
 from struck.excitation.roughness import Roughness
+from struck.excitation.sliding_force import Reader, SlidingContact, force_variation
 from struck.excitation.texture import CHUNK
 
 Array = NDArray[np.float64]

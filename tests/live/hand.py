@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from struck.analysis.analysis import model_of_modes
 from struck.live import player
-from struck.live.callback import Shared
+from struck.live.callback_memory import Shared
 from struck.live.player import Feeder, Player
 from struck.model.material import Material
 from struck.model.model import ModalModel

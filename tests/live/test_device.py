@@ -20,9 +20,9 @@ import pytest
 from numpy.typing import NDArray
 
 from struck.errors import DeviceError, MissingDependencyError
-from struck.live import callback, limiter
+from struck.live import callback_memory, limiter
 from struck.live import device as binding
-from struck.live.callback import CALLS, LATE, OPEN, UNDERFLOWS, Shared, arena
+from struck.live.callback_memory import CALLS, LATE, OPEN, UNDERFLOWS, Shared, arena
 from struck.live.device import Device, PortAudio, Stream, choose
 from struck.live.player import Feeder
 from struck.live.ring import FIRST_OUTPUTS, NEW_OUTPUTS, ON, Layout, Ring
@@ -71,7 +71,7 @@ class Player:
 
     def open(self, portaudio: PortAudio, **options: Any) -> Stream:  # noqa: ANN401 - of `open`
         return portaudio.open(
-            callback.play(), self.shared.address,
+            callback_memory.play(), self.shared.address,
             **{"sample_rate": RATE, "block": BLOCK, "channels": 2, **options},
         )  # fmt: skip
 

@@ -13,7 +13,7 @@ import pytest
 
 import struck
 from struck.cli import main
-from struck.live.callback import CALLS
+from struck.live.callback_memory import CALLS
 from struck.scene.engines.simulation import Simulation
 from tests.live.servers import Server, judge
 from tests.live.watchdog import stalls

@@ -1,4 +1,4 @@
-/* What the callback reaches: structs that struck.live.callback and struck.live.ears fill. */
+/* What the callback reaches: structs that struck.live.callback_memory and struck.live.ears fill. */
 #ifndef STRUCK_CALLBACK_H
 #define STRUCK_CALLBACK_H
 

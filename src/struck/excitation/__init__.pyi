@@ -2,7 +2,6 @@ from .excitation import Excitation as Excitation
 from .excitation import Hold as Hold
 from .excitation import Push as Push
 from .force_track import ForceTrack as ForceTrack
-from .friction import Tool as Tool
 from .hertz import contact_time as contact_time
 from .hertz import strikers as strikers
 from .pluck import Pluck as Pluck
@@ -15,5 +14,6 @@ from .roughness import profiles as profiles
 from .roughness import roughnesses as roughnesses
 from .scrape import Roll as Roll
 from .scrape import Scrape as Scrape
+from .sliding_force import Tool as Tool
 from .strike import Strike as Strike
 from .touch import TouchLog as TouchLog

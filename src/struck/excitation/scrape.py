@@ -19,7 +19,10 @@ from struck.excitation.excitation import (
     require_at_least_zero,
     require_positive,
 )
-from struck.excitation.friction import (
+from struck.excitation.hertz import Striker, contact_modulus
+from struck.excitation.path import Path, Waypoints, require_waypoints
+from struck.excitation.roughness import Finish, Roughness, finish
+from struck.excitation.sliding_force import (
     FADE_SECONDS,
     ROLLER_FRACTION,
     Reader,
@@ -28,9 +31,6 @@ from struck.excitation.friction import (
     fading,
     force_variation,
 )
-from struck.excitation.hertz import Striker, contact_modulus
-from struck.excitation.path import Path, Waypoints, require_waypoints
-from struck.excitation.roughness import Finish, Roughness, finish
 from struck.excitation.texture import CHUNK
 from struck.model.arrays import Array, checked
 from struck.model.material import Material
@@ -47,11 +47,11 @@ _FRACTIONS = np.arange(1, CHUNK + 1) / CHUNK
 class Scrape:
     """A round tip that is dragged over the surface of a body.
 
-    The tip follows the roughness by Hertz's law (`struck.excitation.friction`). Doubling the speed
-    raises the spectrum by an octave and the level of the force by about 4.5 dB. Doubling the load
-    raises the level by 2 dB on a smooth surface and by 4 dB on a rough one. The surface is read by
-    position: the same position has the same heights, and a path that never returns never repeats. A
-    constant load itself is silent and left out of the force.
+    The tip follows the roughness by Hertz's law (`struck.excitation.sliding_force`). Doubling the
+    speed raises the spectrum by an octave and the level of the force by about 4.5 dB. Doubling the
+    load raises the level by 2 dB on a smooth surface and by 4 dB on a rough one. The surface is
+    read by position: the same position has the same heights, and a path that never returns never
+    repeats. A constant load itself is silent and left out of the force.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ class Roll:
     The heights of surface and roller are added. The surface is read by position. The roller
     repeats after 2 pi radius of the path, which is the only period. It rests on the points that
     it touches first (`struck.excitation.envelope`), and the force follows as for a scrape
-    (`struck.excitation.friction`). Its large radius bridges valleys and averages over a wide
+    (`struck.excitation.sliding_force`). Its large radius bridges valleys and averages over a wide
     contact, so that rolling is smoother and duller than scraping.
 
     Parameters

@@ -23,11 +23,11 @@ from struck.ears.orientation import Orientation, Turning
 from struck.ears.propagation import aside
 from struck.errors import OptionError
 from struck.excitation.excitation import Excitation, Hold, Pushing, drive
-from struck.excitation.friction import Tool
 from struck.excitation.pulses import LEAD, Samples
+from struck.excitation.sliding_force import Tool
 from struck.excitation.strike import Strike, after_attack, residual_of
 from struck.excitation.touch import Touching, TouchLog, Update
-from struck.live.callback import arena
+from struck.live.callback_memory import arena
 from struck.live.ears import MAX_DISTANCE, LiveEars
 from struck.live.ring import FIRST_OUTPUTS, NEW_OUTPUTS, NEW_POLES, Layout, Record, Ring
 from struck.live.voices import Blows, LastError, Started, Voices

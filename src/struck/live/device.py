@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from struck.errors import DeviceError, MissingDependencyError
-from struck.live.callback import OPEN, Shared
+from struck.live.callback_memory import OPEN, Shared
 
 # Structures and constants of `portaudio.h`.
 INPUT_UNDERFLOW, INPUT_OVERFLOW = 1, 2  # a callback's flags

@@ -2,7 +2,7 @@
 
 A `Player` queues the calls of its user (`struck.live.commands`). A thread, the `Feeder`, makes a
 record of it for each block and keeps a ring of them filled ahead of the audio device, whose
-callback (`struck.live.callback`) reads them without Python.
+callback (`struck.live.callback_memory`) reads them without Python.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from struck.ears.listeners import Course3, Listener, Mono
 from struck.ears.orientation import Turning
 from struck.errors import ArgumentError, DeviceError, OptionError
 from struck.excitation.excitation import Excitation
-from struck.excitation.friction import Tool
+from struck.excitation.sliding_force import Tool
 from struck.excitation.strike import Strike
 from struck.excitation.touch import TouchLog
-from struck.live import callback, limiter
+from struck.live import callback_memory, limiter
 from struck.live.commands import Host, default_listener, listening
 from struck.live.contact_stream import ContactStream, SimulationRun, hurry
 from struck.live.device import TO_FILE, Outlet
@@ -112,7 +112,7 @@ class Player:
         self._stream = scene and ContactStream(scene=scene, host=self._host, sample_rate=rate)
         self._run: SimulationRun | None = None
         self._limiter_state = limiter.limiter(sample_rate=rate, channels=outlet.channels)
-        self._shared = callback.Shared(
+        self._shared = callback_memory.Shared(
             records=self._host.records,
             limited=self._limiter_state,
             arena=self._host.arena,
@@ -123,7 +123,7 @@ class Player:
             self._host.records, self._host.fill, seconds=block / rate, ahead=ahead
         )
         self._stopped = False
-        outlet.open(callback.play(), self._shared, block)
+        outlet.open(callback_memory.play(), self._shared, block)
 
     @checked
     def strike(
@@ -535,12 +535,12 @@ class Player:
     @property
     def underflows(self) -> int:
         """Number of times that the device ran out of samples."""
-        return int(self._shared.counters[callback.UNDERFLOWS])
+        return int(self._shared.counters[callback_memory.UNDERFLOWS])
 
     @property
     def late(self) -> int:
         """Number of blocks whose forces were late; loads were held."""
-        return int(self._shared.counters[callback.LATE])
+        return int(self._shared.counters[callback_memory.LATE])
 
     @property
     def dropped(self) -> int:

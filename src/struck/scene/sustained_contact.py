@@ -21,7 +21,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from struck.excitation.excitation import Push, drives_at
-from struck.excitation.friction import (
+from struck.excitation.hertz import contact_modulus
+from struck.excitation.roughness import finish
+from struck.excitation.sliding_force import (
     FADE_SECONDS,
     ROLLER_FRACTION,
     TIP_FRACTION,
@@ -30,8 +32,6 @@ from struck.excitation.friction import (
     fading,
     force_variation,
 )
-from struck.excitation.hertz import contact_modulus
-from struck.excitation.roughness import finish
 from struck.excitation.texture import CHUNK
 from struck.model.arrays import Array, Index
 from struck.model.material import Material, materials

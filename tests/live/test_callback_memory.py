@@ -7,8 +7,8 @@ import ctypes
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.live import callback, limiter
-from struck.live.callback import CALLS, LATE, OPEN, UNDERFLOWS, Shared
+from struck.live import callback_memory, limiter
+from struck.live.callback_memory import CALLS, LATE, OPEN, UNDERFLOWS, Shared
 from struck.live.device import COMPLETE, CONTINUE, OUTPUT_OVERFLOW, OUTPUT_UNDERFLOW
 from struck.live.ring import Ring
 from tests.live.records import push
@@ -42,7 +42,7 @@ class Device:
         )  # fmt: skip
         whole, word, place = ctypes.c_int, ctypes.c_ulong, ctypes.c_void_p
         prototype = ctypes.CFUNCTYPE(whole, place, place, word, place, word, place)
-        self._call = prototype(callback.play())
+        self._call = prototype(callback_memory.play())
         self.answer = CONTINUE
 
     def play(self, flags: int = 0) -> NDArray[np.float32]:
