@@ -14,7 +14,6 @@ import hashlib
 import json
 import os
 import resource
-import shutil
 import statistics
 import subprocess
 import sys
@@ -332,8 +331,8 @@ def main() -> int:
         git = ("git", "-C", str(ROOT))
         subprocess.run([*git, "worktree", "add", "-q", "--detach", base, options.base], check=True)
         try:
-            libraries = "src/struck/core/libraries"
-            shutil.copytree(ROOT / libraries, base / libraries, dirs_exist_ok=True)
+            core = base / "src/struck/core/build.py"
+            subprocess.run([sys.executable, core], check=True, stdout=subprocess.DEVNULL)
             for room in options.rooms:
                 pairs = [
                     [measured(tree, room) for tree in (base, ROOT)] for _ in range(options.rounds)
