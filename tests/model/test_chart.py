@@ -121,6 +121,15 @@ def test_impossible_charts_are_refused() -> None:
         Chart(pitch=np.ones(1), outline=np.array([[0.0, 1.0], [0.0, 1.0]]))
 
 
+def test_points_of_other_coordinates_are_refused() -> None:
+    outline = np.array([[0.0, 0.1], [1.0, 0.2]])
+    chart = Chart(pitch=np.ones(1), around=True, outline=outline)
+    with pytest.raises(
+        OptionError, match=r"shape \(3, 2\): a chart of 1 coordinate takes \(K, 1\)"
+    ):
+        chart.places(np.ones((3, 2)))
+
+
 def test_the_shell_takes_a_pitch(tmp_path: pathlib.Path) -> None:
     path = str(tmp_path / "vase.struck")
     struck.save(recorded("field", charted=False), path)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import OptionError, rounded
+from struck.errors import OptionError, counted, rounded
 from struck.model.arrays import UNITS, Array, checked, numbers
 from struck.model.mesh import Mesh
 
@@ -144,7 +144,17 @@ class Chart:
         -------
         array (K, 3)
             Points, m.
+
+        Raises
+        ------
+        OptionError
+            If the contacts have another number of coordinates than the chart.
         """
+        if points.ndim != 2 or points.shape[1] != len(self.pitch):
+            raise OptionError(
+                f"points have shape {points.shape}: a chart of "
+                f"{counted(len(self.pitch), 'coordinate')} takes (K, {len(self.pitch)})"
+            )
         positions = points * self.pitch
         flat = np.zeros((len(points), 3))
         if not self.around:
