@@ -28,6 +28,7 @@ from struck.model.provenance import TerminalProgress
 from struck.report.charts import save as save_picture
 from struck.report.contact_sheet import contact_sheet
 from struck.scene import Events, Scene, events_of, save_animation, save_contacts
+from struck.scene.ending import require_fade
 from struck.scene.engines.restitution import PairValues
 from struck.scene.engines.simulation import Simulation, require_seconds
 from struck.scene.render import require_length
@@ -121,6 +122,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         return _play_live(options, progress)
     _sound_options(options)  # refused before bodies are analyzed
     require_length(options.seconds + options.ring, options.rate)
+    require_fade(options.fade, options.seconds + options.ring)
     output = writable(options.output or Path(options.scene).with_suffix(".wav"))
     chosen(output)
     log = writable(options.log or output.with_suffix(".npz"), unlike=[options.scene])

@@ -20,7 +20,7 @@ from typing import IO
 from struck.errors import MeshError
 from struck.files.atomic import open_ordinary, unread
 from struck.files.messages import FORMATS, PACKINGS, ReadingLimits
-from struck.files.recognition import explain_not_surface
+from struck.files.recognition import explain_not_surface, recognise
 
 CHUNK = 2**14
 # Meshes as text pack ten to one; a large file that packs better than this is a trap.
@@ -49,7 +49,7 @@ def open_source(path: Path, limits: ReadingLimits) -> Source:
     """Read a mesh file, packed or not; MeshError when it is damaged or beyond its limits."""
     packing = path.suffix[1:].lower()
     if packing not in PACKINGS:
-        kind = kind_of(path.name)
+        kind = kind_of(path.name, path)
         with open_regular(path, limits) as file:
             data = gathered(pieces_of(file), limits)
         return Source(
@@ -72,11 +72,14 @@ def open_source(path: Path, limits: ReadingLimits) -> Source:
     return source
 
 
-def kind_of(name: str) -> str:
-    """Return the mesh format that a file's name promises; MeshError for formats not read here."""
+def kind_of(name: str, path: Path | None = None) -> str:
+    """Return the mesh format that a file's name promises; MeshError for formats not read here.
+
+    The error names the kind of the content, too, if there is a `path` to an unpacked file.
+    """
     kind = Path(name).suffix[1:].lower()
     if kind not in FORMATS:
-        raise MeshError(explain_not_surface(name))
+        raise MeshError(explain_not_surface(name, None if path is None else recognise(path)))
     return kind
 
 

@@ -25,7 +25,7 @@ from struck.files.archives import Source, open_regular, open_source
 from struck.files.atomic import write_bytes
 from struck.files.gltf import read_gltf, strip_triangles
 from struck.files.messages import FORMATS, READERS, ElementBlocks, Parsed, Part, ReadingLimits
-from struck.files.recognition import HEAD, explain_not_surface, kind_by_content
+from struck.files.recognition import HEAD, explain_not_surface, kind_by_content, recognise
 from struck.model.arrays import AnyArray
 
 if TYPE_CHECKING:
@@ -368,7 +368,7 @@ def _reader(path: Path) -> Callable[[str], meshio.Mesh]:
     if path.suffix.lower() not in READERS:
         if path.suffix[1:].lower() in FORMATS:
             raise MeshError("it is a surface and not a volume mesh: load it by load_body")
-        raise MeshError(explain_not_surface(path.name))
+        raise MeshError(explain_not_surface(path.name, recognise(path)))
     meshio = _meshio("volume meshes are read")
     # meshio 5.3 knows the nodes of these two elements and yet fails on them.
     with contextlib.suppress(ImportError):

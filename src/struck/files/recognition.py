@@ -13,6 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from struck.errors import MeshError
 from struck.files.atomic import is_file, open_ordinary
 from struck.files.messages import FORMATS, PACKINGS, READERS
 from struck.files.sound_formats import ENDINGS
@@ -22,6 +23,7 @@ SCENES = ("xml", "urdf", "mjcf")
 SOUNDS = tuple(ending[1:] for ending in ENDINGS)
 VOLUMES = tuple(ending[1:] for ending in READERS)
 _FORMAT_NAMES = {"vtk": "VTK", "vtu": "VTU", "msh": "Gmsh", "inp": "Abaqus or CalculiX"}
+_MESHES = ("surface", "volume")  # groups of files with a body in them
 HEAD = 4096  # bytes from the beginning of a file, by which it is recognised
 _CONTAINER = 16 * 2**20  # bytes of the longest header of a safetensors container
 
@@ -38,6 +40,7 @@ _ADVICE: Mapping[str, str] = {
     "foreign solid": "open it in a CAD program, as FreeCAD, and export it as stl or obj",
     "foreign elements": "write the volume mesh as inp, msh, vtk or vtu, as Gmsh does",
     "foreign sound": "convert it to WAV or FLAC, from which struck fit makes a model",
+    "packed": "unpack it",
     "other": "give another file",
 }
 _NOUNS: Mapping[str, str] = {
@@ -52,6 +55,7 @@ _NOUNS: Mapping[str, str] = {
     "foreign solid": "a CAD file",
     "foreign elements": "a volume mesh",
     "foreign sound": "a sound",
+    "packed": "a packed file",
     "other": "a file",
 }
 # Names of formats by ending, in groups: first those that are not read.
@@ -138,7 +142,10 @@ _SIGNATURES: tuple[tuple[bytes, str, str], ...] = (
     (rb"\x89PNG", "PNG", "other"),
     (rb"\xff\xd8\xff", "JPEG", "other"),
     (rb"%PDF", "PDF", "other"),
-    (rb"PK\x03\x04", "ZIP", "other"),
+    (rb"PK\x03\x04", "ZIP", "packed"),
+    (rb"\x1f\x8b\x08", "gzip", "packed"),
+    (rb"BZh[1-9]", "bzip2", "packed"),
+    (rb"\xfd7zXZ\0", "xz", "packed"),
     (rb"\x93NUMPY", "NumPy", "other"),
     (rb"\x80[\x02-\x05]", "pickle", "other"),
     (rb"PAR1", "Parquet", "other"),
@@ -157,6 +164,12 @@ class FileKind:
     def is_read(self) -> bool:
         """Whether some part of struck reads it."""
         return self.group in _READ_FORMATS
+
+    @property
+    def ending(self) -> str:
+        """The first ending of its files, as ".obj", or ""."""
+        names = (key for key, value in _NAMES.items() if value == (self.name, self.group))
+        return next(names, "")
 
     @property
     def advice(self) -> str:
@@ -208,7 +221,7 @@ def _head_of(path: str | os.PathLike[str]) -> bytes:
 def recognise(path: str | os.PathLike[str]) -> FileKind | None:
     """Return the kind of a file: by its content, or else by its ending."""
     kind, content_kind = kind_by_name(path), kind_by_content(_head_of(path))
-    is_packed = content_kind is not None and content_kind.name == "ZIP"  # the ending says more
+    is_packed = content_kind is not None and content_kind.group == "packed"  # the ending says more
     return kind if kind is not None and (content_kind is None or is_packed) else content_kind
 
 
@@ -239,21 +252,36 @@ def explain_not_model(path: str | os.PathLike[str]) -> str:
     if kind is None:
         name = f"ends in {ending!r}" if ending else "has no ending"
         return f"{name}, and its content is of no kind that is read: struck reads {list_readable()}"
+    content_kind = kind_by_content(_head_of(path))
+    if kind.group == "model" and content_kind is not None and content_kind.group == "packed":
+        return f"is packed ({content_kind.name}), and models are read unpacked alone: unpack it"
     if kind.name == "safetensors" and ending == ".struck":
         return ""
     content_ending = kind.name.lower()
     advice = (
         f"end its name in .{content_ending}; "
-        if content_ending in {*SOUNDS, *FORMATS} - {ending[1:]}
+        if content_ending in {*SOUNDS, *FORMATS} - {ending[1:]} and ending[1:] not in PACKINGS
         else ""
     )
     reason = another_kind(path, "model", advice=advice)
     return f"{reason}; struck reads {list_readable()}" if reason else ""
 
 
-def explain_not_surface(name: str) -> str:
-    """Return why a file is no surface by its name, and all formats of meshes."""
-    kind, ending = kind_by_name(name), Path(name).suffix
+def require_mesh(path: str | os.PathLike[str]) -> None:
+    """Refuse a file where a mesh belongs, if its content or its ending is of another kind."""
+    kind = recognise(path)
+    if kind is None or kind.group not in _MESHES or kind != kind_by_name(path):
+        raise MeshError(f"{path}: {explain_not_surface(Path(path).name, kind)}")
+
+
+def explain_not_surface(name: str, kind: FileKind | None = None) -> str:
+    """Return why a file of that name is no surface, and all formats of meshes.
+
+    Its kind is the one that its name promises, unless its content has shown another one.
+    """
+    kind, ending = kind or kind_by_name(name), Path(name).suffix
+    if kind is not None and kind.group in _MESHES and kind != kind_by_name(name):
+        return f"its content is {kind.name}: end its name in {kind.ending}"
     if kind is None:
         reason = (
             f"its extension {ending!r} names no mesh format" if ending else "it has no extension"

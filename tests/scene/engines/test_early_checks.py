@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import gzip
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import struck
-from struck.errors import StruckError
+from struck.cli import main
+from struck.errors import MeshError, StruckError
 from struck.scene import Simulation
 from struck.scene.engines import sound_sources
 from struck.solids import Block
@@ -82,6 +85,62 @@ def test_faults_are_found_before_a_mode_is_computed(
     with pytest.raises(AssertionError, match="a mode was computed"):
         Simulation(written(tmp_path), materials="oak")
     assert analyzed
+
+
+def test_the_shell_refuses_a_fade_before_a_mode_is_computed(
+    tmp_path: Path, analyzed: list[object], capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["simulate", str(written(tmp_path)), "--material", "oak", "--seconds", "1"]
+    assert main([*words, "--ring", "0.5", "--fade", "2"]) == 2
+    assert "--fade is 2 s and the sound lasts 1.5 s" in capsys.readouterr().err
+    assert not analyzed
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        (
+            "chair.fbx",
+            b"Kaydara FBX Binary",
+            r"it is a scene of meshes \(FBX\), which struck does",
+        ),
+        ("take.wav", b"RIFF\0\0\0\0WAVEfmt ", r"it is a sound \(WAV\) and not a mesh"),
+        ("body.bin", b"glTF\2\0\0\0", r"its content is GLB: end its name in \.glb"),
+        ("body.obj", b"glTF\2\0\0\0", r"its content is GLB: end its name in \.glb"),
+        ("plain", b"v 0 0 0", "it has no extension: use one of surfaces as obj"),
+    ],
+)
+def test_files_of_other_kinds_are_no_shapes(
+    tmp_path: Path, analyzed: list[object], name: str, content: bytes, said: str
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(StruckError, match=said):
+        Simulation(written(tmp_path), materials="oak", models={"upper": tmp_path / name})
+    assert not analyzed
+
+
+def test_each_shape_is_analyzed_once_by_its_content(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two volume meshes of as many nodes are printed alike, and have different modes."""
+    mesh = Block(size=(0.1, 0.1, 0.04)).volume_mesh("preview")
+    twin, larger = replace(mesh), replace(mesh, nodes=1.5 * mesh.nodes)
+    assert repr(mesh) == repr(larger)
+    packed = tmp_path / "box.obj.gz"  # of which the content is not part of a key
+    packed.write_bytes(gzip.compress(b"v 0 0 0"))
+    bodies: list[object] = []
+
+    def analyze(body: object, *_: object, **__: object) -> None:
+        bodies.append(body)
+        raise MeshError("no modes here")
+
+    monkeypatch.setattr(sound_sources, "analyze", analyze)
+    models = {"base": mesh, "upper": twin, "arm": larger}
+    Simulation(written(tmp_path), materials="oak", models=models, cache=False)
+    assert bodies == [mesh, larger]
+    bodies.clear()
+    Simulation(written(tmp_path), materials="oak", models={"*": packed}, cache=False)
+    assert bodies == [packed]
 
 
 DICE = """<mujoco><worldbody><geom name="floor" type="plane" size="1 1 .1"/>{}

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from fnmatch import fnmatchcase
-from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -18,8 +17,10 @@ from struck.analysis.discretisation import Solid
 from struck.analysis.source_options import applicable
 from struck.errors import MaterialError, OptionError, StruckError, nearest
 from struck.excitation.roughness import finish
-from struck.files.atomic import require_readable
+from struck.files.atomic import real, require_readable
+from struck.files.model_file import is_model
 from struck.files.model_file import load as load_model
+from struck.files.recognition import require_mesh
 from struck.model.arrays import Array, checked, require_number
 from struck.model.damping import Band
 from struck.model.material import Material, require_damping
@@ -115,7 +116,7 @@ class SoundSources:
 
     def __init__(self, options: SoundOptions) -> None:
         self._options = options
-        self._results: dict[str, ModalModel | str] = {}
+        self._results: dict[tuple[str | int, ...], ModalModel | str] = {}
         self._materials: dict[str, Material | None] = {}
         self._finished_models: dict[str, ModalModel] = {}
         self._silent: dict[str, list[str]] = {}  # names of bodies by the reason
@@ -150,6 +151,7 @@ class SoundSources:
                 self._finished_models[link.name], material = model, model.material
             elif isinstance(source, str | os.PathLike):
                 require_readable(source)
+                require_mesh(source)
             self._materials[link.name] = material
         return self._materials
 
@@ -230,7 +232,7 @@ class SoundSources:
         """Return the modal model of a shape, or the message of the error it ended in."""
         options = self._options
         wall, support = _chosen(options.walls, name), _chosen(options.fixed, name)
-        key = fingerprint((_make_key(shape), material, wall, _make_key(support)))
+        key = tuple(map(content_key, (shape, material, wall, support)))
         if key not in self._results:
             try:
                 self._results[key] = analyze(
@@ -251,19 +253,21 @@ class SoundSources:
 def _is_finished(source: Sounding | None) -> TypeIs[ModalModel | str | os.PathLike[str]]:
     """Return whether the entry of `models` for a body is a model, or a model's file."""
     if isinstance(source, str | os.PathLike):
-        return Path(source).suffix == ".struck"
+        return is_model(source)
     return isinstance(source, ModalModel)
 
 
-def _make_key(value: object) -> object:
-    """Return a key that is equal for equal shapes or supports; for a callable, its identity."""
-    if callable(value):
-        return id(value)
-    if isinstance(value, Mesh):
-        return value.points, value.faces
+def content_key(value: object) -> str | int:
+    """Return a key that is equal for equal values: a fingerprint of the content.
+
+    The key of a file is its path; that of a function, or of another package's object, its identity.
+    """
     if isinstance(value, str | os.PathLike):
-        return Path(value)
-    return repr(value) if isinstance(value, Solid) else value
+        return str(real(value))
+    try:
+        return fingerprint(value)
+    except TypeError:  # its content is unknown
+        return id(value)
 
 
 def _make_rigid_body(
