@@ -466,6 +466,11 @@ def test_progress_is_a_function_or_none(name: str, given: tuple[object, ...], fo
     [
         ("Tube", "it is struck.solids.Tube"),
         ("bowl", "it is struck.solids.bowl"),
+        ("Bell", "it is struck.solids.bell"),
+        ("strike", "it is struck.Strike"),
+        ("Plate", "it is struck.shapes.CircularPlate or struck.shapes.RectangularPlate"),
+        ("hit", r"did you mean struck\.Strike"),
+        ("list", r"it is struck\.materials\(\) of materials"),
         ("radiate", "it is ModalModel.radiating"),
         ("sonic_distanz", r"did you mean struck\.sonic_distance"),
         ("zzz", "see dir"),

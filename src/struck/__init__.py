@@ -28,10 +28,29 @@ def __getattr__(name: str) -> object:
         return version(__name__)
     if name in _names or name.startswith("_"):
         return _load(name)
-    rooms = [room for room in _ROOMS & {*_names} if name in getattr(_load(room), "__all__", ())]
-    where = f"struck.{min(rooms)}.{name}" if rooms else _ELSEWHERE.get(name)
+    where = _ELSEWHERE.get(name) or " or ".join(_find_in_rooms(name)[:_MOST_OFFERED])
     offer = f"it is {where}" if where else nearest(name, _names, "struck.{}") or "see dir(struck)"
     raise AttributeError(f"struck has no {name!r}: {offer.strip()}")
+
+
+def _find_in_rooms(name: str) -> list[str]:
+    """Return where the rooms have a public name, or one of other case, or one that ends in it."""
+    public = {
+        f"struck.{item}" if item in _names else f"struck.{room}.{item}": item
+        for room in sorted(_ROOMS & {*_names})
+        for item in getattr(_load(room), "__all__", ())
+    }
+    for fits in (
+        lambda item: item == name,
+        lambda item: item.lower() == name.lower(),
+        lambda item: name[:1].isupper() and item.endswith(name),
+    ):
+        if places := [place for place, item in public.items() if fits(item)]:
+            return places
+    return []
+
+
+_MOST_OFFERED = 3
 
 
 # What the shell's commands are called in Python, where that is another name.
@@ -39,6 +58,7 @@ _ELSEWHERE = {
     "calibrate": "struck.recordings.calibrated",
     "export": "struck.save, to a file that ends in .sofa or .vtu",
     "info": "repr(model)",
+    "list": "struck.materials() of materials, dir(struck.solids) and dir(struck.shapes) of bodies",
     "radiate": "ModalModel.radiating",
 }
 # Rooms that are reached as attributes without an import of their own, and not by a `*`.

@@ -20,7 +20,7 @@ import difflib
 import math
 import re
 import unicodedata
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import SupportsFloat, SupportsIndex
 
 
@@ -105,17 +105,23 @@ _SYNONYMS = {
     **dict.fromkeys(("hammer", "mallet", "stick", "beater"), ("striker",)),
     **dict.fromkeys(("position", "place", "point", "where", "at"), ("at", "strike", "listener")),
     **dict.fromkeys(("force", "strength"), ("impulse", "load")),
-    **dict.fromkeys(("hit", "blow", "knock", "tap"), ("strike", "strikes", "at")),
-    **dict.fromkeys(("gain", "volume", "loudness", "amplitude", "normalize"), ("level",)),
+    **dict.fromkeys(
+        ("hit", "blow", "knock", "tap"), ("strike", "strikes", "at", "excitations", "Strike")
+    ),
+    **dict.fromkeys(("synthesize", "synthesise", "sonify", "sound"), ("render",)),
+    **dict.fromkeys(
+        ("gain", "volume", "loudness", "loud", "amplitude", "normalize", "db"), ("level",)
+    ),
     **dict.fromkeys(("quality", "resolution", "precision", "mesh-size"), ("accuracy",)),
-    **dict.fromkeys(("stereo", "ears"), ("stereo", "head")),
+    **dict.fromkeys(("stereo", "ears", "channels"), ("stereo", "head", "listener")),
     **dict.fromkeys(("binaural", "headphones"), ("hrtf", "head")),
     **dict.fromkeys(("reverb", "rt60", "t60"), ("reverberation",)),
     **dict.fromkeys(("drag", "rub", "slide"), ("scrape",)),
     **dict.fromkeys(("pull", "twang"), ("pluck",)),
     **dict.fromkeys(("damp", "grab", "mute"), ("hold",)),
     **dict.fromkeys(("format", "bits", "depth"), ("encoding", "sounds")),
-    **dict.fromkeys(("diameter", "dia", "d"), ("diameter", "radius")),
+    **dict.fromkeys(("diameter", "dia", "d"), ("diameter", "radius", "section")),
+    **dict.fromkeys(("radius", "r"), ("radius", "section")),  # of a bar it is that of its section
     **dict.fromkeys(("hollow", "shell"), ("wall",)),
     **dict.fromkeys(("support", "clamp"), ("fixed", "ends")),
     **dict.fromkeys(("range", "frequencies", "max-frequency"), ("band",)),
@@ -123,7 +129,7 @@ _SYNONYMS = {
     **dict.fromkeys(("solver",), ("method", "backend", "engine")),
     **dict.fromkeys(("dimension", "parameter"), ("vary",)),
     **dict.fromkeys(("samplerate", "sample-rate"), ("rate", "sample_rate")),
-    **dict.fromkeys(("duration", "length", "time", "secs", "long"), ("seconds", "size")),
+    **dict.fromkeys(("duration", "length", "len", "time", "secs", "long"), ("seconds", "size")),
     **dict.fromkeys(("strikes", "hits", "actions"), ("excitations",)),
     **dict.fromkeys(("sr", "fs", "rate", "samplerate"), ("sample_rate", "rate")),
     **dict.fromkeys(("pan", "microphone", "mic", "observer"), ("listener",)),
@@ -141,8 +147,11 @@ _SYNONYMS = {
     **dict.fromkeys(("bodyb", "body_b", "object1", "geom2"), ("body1",)),
     **dict.fromkeys(("fixed", "held", "built-in"), ("clamped",)),
     **dict.fromkeys(("pinned", "simply-supported"), ("hinged", "supported")),
-    **dict.fromkeys(("out", "output_file", "file"), ("output", "path")),
+    **dict.fromkeys(("out", "output_file", "file", "wav"), ("output", "path")),
 }
+
+
+_SIMILAR = 0.1  # of difflib's ratio: a name less similar than the best by more is not meant
 
 
 def nearest(name: str, known: Iterable[str], form: str = "{}", *, spelling: bool = True) -> str:
@@ -157,9 +166,16 @@ def nearest(name: str, known: Iterable[str], form: str = "{}", *, spelling: bool
     matches = [item for item in _SYNONYMS.get(term, ()) if item in names][:1]
     if plain.isdigit():  # a number that is near another one is not meant for it
         return ""
-    cutoff = 0.5 if spelling else 0.85  # then only of a slip of the fingers
-    matches = matches or difflib.get_close_matches(plain, names, n=3, cutoff=cutoff)
+    cutoff = 0.6 if spelling else 0.85  # then only of a slip of the fingers
+    matches = matches or _most_similar(plain, names, cutoff)
     return f"did you mean {' or '.join(map(form.format, matches))}? " if matches else ""
+
+
+def _most_similar(name: str, known: Sequence[str], cutoff: float) -> list[str]:
+    """Return up to three of the known names: the most similar one, and others nearly as similar."""
+    ratios = {item: difflib.SequenceMatcher(b=name, a=item).ratio() for item in known}
+    similar = difflib.get_close_matches(name, known, n=3, cutoff=cutoff)
+    return [item for item in similar if ratios[item] > ratios[similar[0]] - _SIMILAR]
 
 
 def require_choice(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import re
 from pathlib import Path
@@ -49,6 +50,10 @@ HINTS = {
     "render bar.struck --gain 3": "did you mean --level?",
     "render bar.struck --volume 3": "did you mean --level?",
     "render bar.struck --loudness 3": "did you mean --level?",
+    "render bar.struck --loud 3": "did you mean --level?",
+    "render bar.struck --channels 2": "did you mean --stereo?",
+    "render bar.struck --quality high": "did you mean --accuracy of struck analyze?",
+    "render bar.struck --samples 9": "did you mean --scrape? leave",
     "render bar.struck --length 3": "did you mean --seconds?",
     "render bar.struck --time 3": "did you mean --seconds?",
     "render bar.struck --hammer wood": "did you mean --striker?",
@@ -66,7 +71,8 @@ HINTS = {
     "analyze box.stl --length 1": "did you mean --size?",
     "info bar.struck --csv": "did you mean --json, a result for machines?",
     "tune bar:length=1 --material ice --vary length --pitch A4": "did you mean --lowest?",
-    "list": "did you mean materials (of materials), analyze --list (of bodies)?",
+    "list": "did you mean materials (of materials) or analyze --list (of bodies)?",
+    "analyse box.stl": "did you mean analyze? there are",
     "strike bar.struck": "did you mean render?",
     "plot bar.struck": "did you mean show?",
     "batch": "did you mean analyze-many?",
@@ -103,6 +109,14 @@ HINTS = {
     "render x.struck": "is a mesh (glTF) and not a model: end its name in .gltf; struck analyze",
     "render box.stl": "box.stl is a mesh (STL) and not a model: struck analyze makes a model of it",
     "render w.wav": "w.wav is a sound (WAV) and not a model: struck fit makes a model of rec",
+    "info bar.struck.gz": "bar.struck.gz is packed (gzip), and models are read unpacked alone",
+    "render gz.struck": "gz.struck is packed (gzip), and models are read unpacked alone: unpack it",
+    "render box.obj.gz": "is a mesh (OBJ) and not a model: struck analyze makes a model of it",
+    "info gz.dat": "gz.dat is a packed file (gzip), which struck does not read: unpack it",
+    "info glb.bin": "glb.bin: its content is GLB: end its name in .glb",
+    "analyze glb.bin --material ice": "glb.bin: its content is GLB: end its name in .glb",
+    "analyze bar.bin --material ice": "bar.bin: it is a model (struck) and not a mesh: struck info",
+    "analyze bar.wav --material ice": "bar.wav: it is a model (struck) and not a mesh: struck info",
     "info x.qqq": "x.qqq ends in '.qqq', and its content is of no kind that is read: struck reads",
     "info none": "none has no ending, and its content is of no kind that is read: struck reads",
     "info missing.qqq": "missing.qqq is missing, there is no file of that name",
@@ -121,7 +135,12 @@ def files(folder: Path, bar: str) -> None:
         (folder / name).write_text('{"asset": {"version": "2.0"}}')
     for name in ("x.qqq", "none", "t.bdf", "t.inp.gz"):
         (folder / name).write_text("hello")
+    for name in ("bar.bin", "bar.wav"):
+        (folder / name).write_bytes((folder / bar).read_bytes())
+    for name in ("bar.struck.gz", "gz.struck", "gz.dat", "box.obj.gz"):
+        (folder / name).write_bytes(gzip.compress((folder / bar).read_bytes()))
     trimesh.creation.box((0.1, 0.05, 0.03)).export("box.stl")
+    trimesh.creation.box((0.1, 0.05, 0.03)).export("glb.bin", file_type="glb")
     wavfile.write("w.wav", 8000, trimesh.creation.box().vertices.astype("float32"))
 
 
@@ -181,7 +200,7 @@ def test_each_hint_leads_to_what_exists() -> None:
         for options in every.values():
             assert needed not in options or set(named) <= options
     for meant in _COMMAND_MEANINGS.values():
-        for command, option in re.findall(r"(?:^|, )([\w-]+)(?: --([\w-]+))?", meant):
+        for command, option in re.findall(r"(?:^| or )([\w-]+)(?: --([\w-]+))?", meant):
             if not command.startswith("-"):
                 assert command in COMMANDS
                 assert not option or option in every[command]

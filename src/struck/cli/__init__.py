@@ -208,7 +208,7 @@ def _parsed(words: Sequence[str]) -> argparse.Namespace | str:
 
 # Commands and options that people type, and what they mean by them, where `nearest` knows no name.
 _COMMAND_MEANINGS: Mapping[str, str] = {
-    **dict.fromkeys(("list", "ls"), "materials (of materials), analyze --list (of bodies)"),
+    **dict.fromkeys(("list", "ls"), "materials (of materials) or analyze --list (of bodies)"),
     **dict.fromkeys(("strike", "hit", "sound", "scrape", "roll", "pluck", "wav"), "render"),
     **dict.fromkeys(("convert", "save", "write", "sofa"), "export"),
     **dict.fromkeys(("model", "compute", "solve", "mesh", "modes", "modal"), "analyze"),
@@ -245,7 +245,8 @@ _OPTION_MEANINGS: Mapping[str, tuple[str, str]] = {
 def _suggest_option(parser: argparse.ArgumentParser, command: str, name: str) -> str:
     """Return the option that an unknown one means: by its meaning, then by its spelling.
 
-    Between the two come other commands that have an option of that very name.
+    Between the two come other commands that have an option of that very name, or one of that
+    meaning.
     """
     known = [item.lstrip("-") for item in parser._option_string_actions]  # noqa: SLF001 - argparse has no public list
     required_name, meaning = _OPTION_MEANINGS.get(name, ("", ""))
@@ -254,12 +255,21 @@ def _suggest_option(parser: argparse.ArgumentParser, command: str, name: str) ->
     suggestion = nearest(name, known, "--{}", spelling=False)
     if suggestion:
         return suggestion
-    for other in COMMANDS:
-        parser = Parser()
-        declare(parser, other)
-        if other != command and f"--{name}" in parser._option_string_actions:  # noqa: SLF001 - as above
+    elsewhere = {other: _list_options(other) for other in COMMANDS if other != command}
+    for other, options in elsewhere.items():
+        if name in options:
             return f"--{name} is an option of struck {other}: "
+    for other, options in elsewhere.items():
+        if suggestion := nearest(name, options, f"--{{}} of struck {other}", spelling=False):
+            return suggestion
     return nearest(name, known, "--{}")
+
+
+def _list_options(command: str) -> list[str]:
+    """Return the long names of a command's options, without their dashes."""
+    parser = Parser()
+    declare(parser, command)
+    return [item[2:] for item in parser._option_string_actions if item.startswith("--")]  # noqa: SLF001 - argparse has no public list
 
 
 def _declare_commands(parser: Parser, chosen: str | None) -> Parser | None:
@@ -309,7 +319,7 @@ _ARGUMENT = re.compile(
 )
 _NUMBER = r"-?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?"
 _PHRASES: Mapping[str, str] = {
-    r", as in model\.\w+\([^)]*\)|: struck\.scene\.infer_contacts finds them": "",
+    r", as in model\.\w+\([^)]*\)|[:;] struck\.scene\.infer_contacts finds [a-z ]+": "",
     r"\b(?:model|ModalModel)\.radiating\(\)": "struck radiate",
     r"\bstruck\.(\w+)\((\w+)=\)": r"struck \1 --\2",
     r"of struck\.solids(?: or struck\.shapes)?": "of 'struck analyze --list'",
