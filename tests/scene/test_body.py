@@ -139,7 +139,7 @@ def test_bodies_may_be_silent_or_at_peace() -> None:
     np.testing.assert_array_equal(alone, among)
     with pytest.raises(OptionError, match="nothing to render"):
         render(others, listener=listener)
-    with pytest.raises(OptionError, match="1 excitations on a body without sound"):
+    with pytest.raises(OptionError, match="1 excitation on a body without sound"):
         Body(model=RigidBody(), excitations=STRIKE)
 
 

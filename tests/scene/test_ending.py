@@ -163,6 +163,14 @@ def test_contact_times_that_no_blow_has_are_questioned(
     assert all(hint in note for note in asked)
 
 
+def test_a_questioned_contact_time_names_its_body(steel: ModalModel) -> None:
+    strikes = {"short": struck.Strike(at=(0.02,)), "long": struck.Strike(at=(0.02,), duration=3.0)}
+    bodies = [struck.Body(model=steel, excitations=strike) for strike in strikes.values()]
+    notes = struck.render(bodies, seconds=0.1, listener=(0, 2, 0)).notes
+    (note,) = [note for note in notes if "pushes for" in note]
+    assert note.startswith("body 1: a strike pushes for 3 s, and blows last at most 0.1 s: did you")
+
+
 def test_the_shell_fades_and_asks_in_its_own_words(
     steel: ModalModel, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

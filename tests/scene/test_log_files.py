@@ -55,6 +55,25 @@ def test_a_log_written_and_read_renders_the_same_samples(tmp_path: Path, kind: s
     np.testing.assert_array_equal(first.samples, second.samples)
 
 
+@pytest.mark.parametrize("kind", ["csv", "jsonl", "npz"])
+def test_a_log_without_contacts_is_read_again(tmp_path: Path, kind: str) -> None:
+    nothing = np.zeros(0)
+    log = Contacts(
+        names=["board", "block"],
+        time=nothing,
+        body0=nothing,
+        body1=nothing,
+        position=np.zeros((0, 3)),
+        impulse=np.zeros((0, 3)),
+    )
+    save_contacts(log, tmp_path / f"a.{kind}")
+    read = load_contacts(tmp_path / f"a.{kind}")
+    assert (read.names, len(read)) == (log.names, 0)
+    sound = struck.render(SCENE, read)
+    assert sound.notes == ("silence: the log has no contacts",)
+    assert not sound.samples.any()
+
+
 def test_three_impacts_written_by_hand_are_heard(tmp_path: Path) -> None:
     (tmp_path / "hits.csv").write_text(BY_HAND, encoding="utf-8")
     contacts = load_contacts(tmp_path / "hits.csv")

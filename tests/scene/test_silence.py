@@ -94,6 +94,11 @@ def test_a_log_in_which_nothing_sounds_renders_to_silence(case: str) -> None:
     np.testing.assert_array_equal(again.samples, sound.samples)
 
 
+def test_a_fade_is_no_longer_than_the_silence() -> None:
+    with pytest.raises(OptionError, match="fade is 3 s and the sound lasts 2 s"):
+        struck.render(SCENE, log(0.035), fade=3)
+
+
 def test_a_log_that_sounds_is_not_called_silent_and_scenes_without_a_log_are_refused() -> None:
     contacts = landing(Solver(), seconds=0.3)
     sound = struck.render(SCENE, contacts, listener=EARS, seconds=0.3)
@@ -144,7 +149,7 @@ STRUCK = Body(model=BLOCK, excitations=STRIKE)
         ([STRUCK], r"the Body has its own excitations \(1\)"),
         ([Body(model=BLOCK)] * 2, "there are 2 bodies, and nothing says which of them is excited"),
         ([STRUCK, Body(model=BLOCK)], "there are 2 bodies"),
-        (Body(model=RigidBody()), "1 excitations on a body without sound"),
+        (Body(model=RigidBody()), "1 excitation on a body without sound"),
         (Scene(bodies={"a": Body(model=BLOCK)}), "a scene takes Contacts"),
     ],
 )

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from struck.ears.listeners import Course3, Trajectory
 from struck.ears.orientation import MovingPoint, Orientation, Turning
 from struck.ears.propagation import Emitter, aside
-from struck.errors import MeshError, OptionError, ScaleWarning, article, rounded
+from struck.errors import MeshError, OptionError, ScaleWarning, article, counted, rounded
 from struck.excitation.excitation import Excitation, Hold
 from struck.model.arrays import Array, checked, require_number, require_numbers
 from struck.model.gains import ShapeGains
@@ -151,8 +151,8 @@ class Body:
         _require_actions(self.actions)
         if self.actions and self.silent:
             raise OptionError(
-                f"{len(self.actions)} excitations on a body without sound: give a ModalModel as "
-                "its model, or leave them out"
+                f"{counted(len(self.actions), 'excitation')} on a body without sound: give a "
+                "ModalModel as its model, or leave them out"
             )
         Trajectory.of("position", self.position)
         Orientation.of("rotation", self.rotation)
@@ -477,33 +477,31 @@ def doubts(bodies: Sequence[Body], seconds: float | None) -> tuple[str, ...]:
 _LONGEST_BLOW = 0.1  # s; a fingertip at 0.01 m/s pushes for 0.02 s
 
 
-def long_contacts(bodies: Sequence[Body], seconds: float | None) -> tuple[str, ...]:
+def long_contacts(body: Body, seconds: float | None) -> tuple[str, ...]:
     """Return notes on strikes that push for longer than 0.1 s, with the option probably meant."""
     from struck.excitation.strike import Strike
 
+    strikes = {
+        (strike.striker, strike.speed, strike.impulse, strike.energy, strike.duration): strike
+        for strike in body.actions
+        if isinstance(strike, Strike)
+    }
     notes = {}
-    for body in bodies:
-        kinds = {}
-        for action in body.actions:
-            if isinstance(action, Strike):
-                kinds[
-                    action.striker, action.speed, action.impulse, action.energy, action.duration
-                ] = action
-        for strike in kinds.values():
-            duration = strike.duration
-            if duration is None:
-                place = body.sounding.contact(strike.at, strike.direction)
-                duration = strike.resolved(body.sounding, place).duration
-            if duration <= _LONGEST_BLOW:
-                continue
+    for strike in strikes.values():
+        duration = strike.duration
+        if duration is None:
+            place = body.sounding.contact(strike.at, strike.direction)
+            duration = strike.resolved(body.sounding, place).duration
+        if duration <= _LONGEST_BLOW:
+            continue
+        if strike.duration is None:
+            hint = "give a higher speed=, in m/s, or a lighter striker"
+        elif seconds is None:
             hint = f"did you mean seconds={duration:g}, the length of the sound?"
-            if strike.duration is None:
-                hint = "give a higher speed=, in m/s, or a lighter striker"
-            elif seconds is not None:
-                hint = f"did you mean duration={duration / 1000:g}, in s?"
-            clause = f"a strike pushes for {rounded(duration, 3)} s"
-            note = f"{clause}, and blows last at most {_LONGEST_BLOW:g} s"
-            notes[f"{note}: {hint}"] = None
+        else:
+            hint = f"did you mean duration={duration / 1000:g}, in s?"
+        clause = f"a strike pushes for {rounded(duration, 3)} s"
+        notes[f"{clause}, and blows last at most {_LONGEST_BLOW:g} s: {hint}"] = None
     return tuple(notes)
 
 

@@ -228,8 +228,11 @@ class _Table:
 
     def contacts(self) -> Contacts:
         """Return the contacts of the log file."""
-        if not (self.rows or self.poses):
-            raise ValueError("it holds no contacts and no poses")
+        if not (self.rows or self.poses or self.names):
+            raise ValueError(
+                "it holds no contacts and no poses: name the bodies that touch nothing, in a line "
+                "as save_contacts writes it"
+            )
         _require_columns(dict.fromkeys(name for _, line in self.rows for name in line))
         ends = [self.bodies(name) for name in ("body0", "body1")]
         vectors = {name: self.vectors(self.rows, name, 3) for name in _VECTORS}

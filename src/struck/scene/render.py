@@ -148,7 +148,7 @@ def render(
     if isinstance(model, Scene):
         model, remarks = _excite_scene(model, excitations)
         if model.logged is not None and not any(body.pushed for body in model.bodies.values()):
-            return _silent_sound(model, listener, mode_notes + remarks, seconds, sample_rate)
+            return _silent_sound(model, listener, mode_notes + remarks, seconds, sample_rate, fade)
         excitations, names, all_bodies = (), list(model.bodies), list(model.bodies.values())
     elif is_log:
         raise OptionError("contacts are those of a scene: give Scene(bodies={name: Body(...)})")
@@ -161,7 +161,8 @@ def render(
     bodies = [body for body in all_bodies if not body.silent]
     remarks += () if is_log else unused_roughness(bodies)
     remarks += doubts(bodies, seconds)
-    remarks += () if is_scene else long_contacts(bodies, seconds)
+    if not is_scene:
+        remarks += _gather_by_body([long_contacts(body, seconds) for body in bodies], names)
     bodies = [without_late_holds(body, seconds) for body in bodies]
     if isinstance(model, ModalModel) and not (room or is_listener(listener)):
         place = (
@@ -225,10 +226,12 @@ def _silent_sound(
     notes: tuple[str, ...],
     seconds: float | None,
     sample_rate: int,
+    fade: float | None,
 ) -> Sound:
     """Return silence for a scene without a sounding event; by default as long as its log."""
     if seconds is None:
         seconds = min(max(scene.logged or 0.0, SHORTEST_RING), LONGEST_UNSAID)
+    require_fade(fade, seconds)
     ears = len(_listener_of(listener).ear_points)
     return Sound(
         samples=np.zeros((ears, max(1, round(seconds * sample_rate))), np.float32),
