@@ -166,15 +166,18 @@ def nearest(name: str, known: Iterable[str], form: str = "{}", *, spelling: bool
     matches = [item for item in _SYNONYMS.get(term, ()) if item in names][:1]
     if plain.isdigit():  # a number that is near another one is not meant for it
         return ""
-    cutoff = 0.6 if spelling else 0.85  # then only of a slip of the fingers
+    parts = re.split(r"[^\w-]+", plain)  # of "clamped/free" or "floor=wood"
+    if len(parts) > 1:
+        matches = matches or [item for item in names if item in parts][:3]
+    cutoff = 0.55 if spelling else 0.85  # then only of a slip of the fingers
     matches = matches or _most_similar(plain, names, cutoff)
     return f"did you mean {' or '.join(map(form.format, matches))}? " if matches else ""
 
 
-def _most_similar(name: str, known: Sequence[str], cutoff: float) -> list[str]:
-    """Return up to three of the known names: the most similar one, and others nearly as similar."""
-    ratios = {item: difflib.SequenceMatcher(b=name, a=item).ratio() for item in known}
-    similar = difflib.get_close_matches(name, known, n=3, cutoff=cutoff)
+def _most_similar(name: str, names: Sequence[str], cutoff: float) -> list[str]:
+    """Return up to three of `names`: the most similar one, and others nearly as similar."""
+    ratios = {item: difflib.SequenceMatcher(b=name, a=item).ratio() for item in names}
+    similar = difflib.get_close_matches(name, names, n=3, cutoff=cutoff)
     return [item for item in similar if ratios[item] > ratios[similar[0]] - _SIMILAR]
 
 

@@ -244,7 +244,7 @@ WRONG = {
     "did you mean strikes?": {"striks": 3},
     "did you mean steel": {"material": "stel"},
     "did you mean preview?": {"accuracy": "previw"},
-    "did you mean mm or": {"units": "mmm"},
+    "did you mean mm?": {"units": "mmm"},
     "has no material": {"material": None},
     "would both become a.struck": {"files": ["in/a.obj", "in/a.stl"]},
     "names no file": {"table": [{"size": 1}]},

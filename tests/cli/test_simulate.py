@@ -111,7 +111,7 @@ def test_pictures_show_the_scene(folder: Path) -> None:
         ),
         (
             ["--damping", "herd"],
-            "damping is 'herd': did you mean heard or heard_bowl? give",
+            "damping is 'herd': did you mean heard? give",
         ),
         (["--accuracy", "fin"], "accuracy is 'fin'"),
         (["--model", "tile=no.struck", "--wall", "tile=2mm"], "--wall names 'tile', whose modes"),

@@ -318,9 +318,9 @@ def _require_thin(wall: float | None, extent: float) -> None:
     """Refuse a wall that no body of that longest edge, m, can have."""
     if wall is not None and wall > extent / 2:
         raise OptionError(
-            f"wall is {wall:g} m, and the longest edge of the body is {rounded(extent, 4)} m: give "
-            f"at most {rounded(extent / 2, 3)} m, or leave it out for a solid body; 1 mm is "
-            "wall=0.001"
+            f"wall is {rounded(wall)} m, and the longest edge of the body is {rounded(extent, 4)} "
+            f"m: give at most {rounded(extent / 2, 3)} m, or leave it out for a solid body; 1 mm "
+            "is wall=0.001"
         )
 
 

@@ -55,8 +55,8 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     if not 0.1 < (times := density / material.density) < 10:
         lines.insert(
             0,
-            f"caution: {density:g} kg/m3 is {rounded(times, 3)} times the model's density, "
-            f"{material.density:g}: 1 g/cm3 is 1000 kg/m3",
+            f"caution: {rounded(density)} kg/m3 is {rounded(times, 3)} times the model's density, "
+            f"{rounded(material.density)}: 1 g/cm3 is 1000 kg/m3",
         )
     facts = {}
     if output is not None:
@@ -96,6 +96,6 @@ def _as_argument(calibration: Calibration) -> str:
     if isinstance(law, Rayleigh):
         losses = f"rayleigh_mass={law.mass:.6g},rayleigh_stiffness={law.stiffness:.6g}"
     return (
-        f"density={material.density:g},youngs_modulus={material.youngs_modulus:.6g},"
+        f"density={rounded(material.density)},youngs_modulus={material.youngs_modulus:.6g},"
         f"poisson_ratio={material.poisson_ratio:.4f},{losses}"
     )

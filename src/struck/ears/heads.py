@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from struck.ears.sphere import HEAD_RADIUS, arrival_delay, nearness, pressure
-from struck.errors import OptionError, SolverError
+from struck.errors import OptionError, SolverError, rounded
 from struck.model.arrays import Array, Single, checked
 from struck.model.material import AIR
 
@@ -82,8 +82,8 @@ def require_rate(sample_rate: float, max_rate: float) -> None:
     """Raise OptionError on a sample rate, Hz, for which no head can be prepared."""
     if not LOWEST_RATE <= sample_rate <= max_rate:
         raise OptionError(
-            f"sample_rate {sample_rate:g} Hz must be between {LOWEST_RATE:g} and {max_rate:g} Hz; "
-            "48000 Hz is enough for ears"
+            f"sample_rate {rounded(sample_rate)} Hz must be between {LOWEST_RATE:g} and "
+            f"{rounded(max_rate)} Hz; 48000 Hz is enough for ears"
         )
 
 
@@ -150,8 +150,8 @@ class SphereHead:
         _require_radius(self.radius)
         if not 0 < self.ear_angle < 180:
             raise OptionError(
-                f"ear_angle {self.ear_angle:g} must be between 0 and 180 degrees from the front; "
-                "heads have 90 to 100"
+                f"ear_angle {rounded(self.ear_angle)} must be between 0 and 180 degrees from the "
+                "front; heads have 90 to 100"
             )
 
     def prepared(self, sample_rate: float) -> Filters:
@@ -223,7 +223,7 @@ class SimpleHead:
 def _require_radius(radius: float) -> None:
     if not 0.05 <= radius <= 0.15:
         raise OptionError(
-            f"radius {radius:g} m must be between 0.05 and 0.15 m; a mean head has 0.0875 m"
+            f"radius {rounded(radius)} m must be between 0.05 and 0.15 m; a mean head has 0.0875 m"
         )
 
 
@@ -307,8 +307,8 @@ def _cut(responses: Array, radius: float, sample_rate: float) -> Array:
     if not energy_fraction >= MIN_ENERGY_FRACTION:
         raise SolverError(
             f"{taps} taps hold {energy_fraction:.4f} of a response's energy, less than "
-            f"{MIN_ENERGY_FRACTION}, at {sample_rate:g} Hz for a radius of {radius:g} m; "
-            "choose a higher sample rate"
+            f"{MIN_ENERGY_FRACTION}, at {rounded(sample_rate)} Hz for a radius of "
+            f"{rounded(radius)} m; choose a higher sample rate"
         )
     return first_taps
 

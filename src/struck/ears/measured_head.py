@@ -370,8 +370,8 @@ def _sample_rate(file: Container) -> float:
     min_rate, max_rate = SAMPLE_RATES
     if len(rates) != 1 or not min_rate <= rates[0] <= max_rate:
         raise FileFormatError(
-            f"its sample rate is {', '.join(f'{rate:g}' for rate in rates[:3])} Hz, and one from "
-            f"{min_rate:g} to {max_rate:g} Hz is read: resample it"
+            f"its sample rate is {', '.join(map(rounded, rates[:3]))} Hz, and one "
+            f"from {rounded(min_rate)} to {rounded(max_rate)} Hz is read: resample it"
         )
     return float(rates[0])
 
@@ -403,8 +403,8 @@ def _sources(file: Container, count: int) -> tuple[Array, float]:
         )
     if np.ptp(distances) > _DISTANCE_SPREAD * distance:
         raise FileFormatError(
-            f"its sources are {distances.min():g} to {distances.max():g} m away, and one distance "
-            "is read: keep the measurements of one"
+            f"its sources are {rounded(distances.min())} to {rounded(distances.max())} m away, and "
+            "one distance is read: keep the measurements of one"
         )
     return positions / distances[:, np.newaxis] @ _frame(file, count).T, distance
 
@@ -429,8 +429,8 @@ def _left_first(file: Container) -> list[int]:
     lateral = file.points("ReceiverPosition", (2, 3), (2, 3, 1), (2, 3, one[-1]))[:, 1]
     if np.isclose(*lateral):
         raise FileFormatError(
-            f"its ReceiverPosition has both ears at y = {lateral[0]:g} m, so left is not known: "
-            "write the left ear at y > 0, the right one at y < 0"
+            f"its ReceiverPosition has both ears at y = {rounded(lateral[0])} m, so left is not "
+            "known: write the left ear at y > 0, the right one at y < 0"
         )
     return [0, 1] if lateral[0] > lateral[1] else [1, 0]
 

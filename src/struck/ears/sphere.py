@@ -28,7 +28,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import OptionError
+from struck.errors import OptionError, rounded
 from struck.model.arrays import Array, Complex
 from struck.model.material import AIR
 
@@ -103,8 +103,9 @@ def nearness(distances: ArrayLike | None, radius: float) -> Array:
     values = np.asarray(np.inf if distances is None else distances, dtype=np.float64)
     if not np.all(values >= NEAREST * _checked_radius(radius)):
         raise OptionError(
-            f"distance {np.min(values):g} m is too near to a sphere of radius {radius:g} m; keep "
-            f"sources at least {NEAREST * radius:g} m from its centre"
+            f"distance {rounded(np.min(values))} m is too near to a sphere of radius "
+            f"{rounded(radius)} m; keep sources at least {rounded(NEAREST * radius)} m from its "
+            "centre"
         )
     return radius / values
 
@@ -141,12 +142,14 @@ def _crossing(radius: float, sound_speed: float) -> float:
     """Return the time that sound takes along a radius, s."""
     if not 0 < sound_speed < np.inf:
         raise OptionError(
-            f"sound_speed {sound_speed:g} m/s must be positive and finite; air has 343 m/s"
+            f"sound_speed {rounded(sound_speed)} m/s must be positive and finite; air has 343 m/s"
         )
     return _checked_radius(radius) / sound_speed
 
 
 def _checked_radius(radius: float) -> float:
     if not 0 < radius < np.inf:
-        raise OptionError(f"radius {radius:g} m must be positive and finite; a head has 0.0875 m")
+        raise OptionError(
+            f"radius {rounded(radius)} m must be positive and finite; a head has 0.0875 m"
+        )
     return radius

@@ -479,7 +479,9 @@ def require_kernel(
     require_positive(softness=softness)
     if kernel is not None:
         if softness is not None and softness > longest:
-            raise OptionError(f"softness is {softness:g} s: it must be at most {longest:g} s here")
+            raise OptionError(
+                f"softness is {rounded(softness)} s: it must be at most {rounded(longest)} s here"
+            )
         return require_known(kernel, SPECTRA, "kernel")
     if softness is not None:
         raise OptionError(

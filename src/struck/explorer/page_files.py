@@ -13,7 +13,7 @@ import numpy as np
 
 from struck.ears import heads, measured_head
 from struck.ears.sphere import HEAD_RADIUS
-from struck.errors import require_choice
+from struck.errors import require_choice, rounded
 from struck.files.container import Arrays, pack
 from struck.files.model_file import to_bytes
 from struck.model.gains import ShapeGains
@@ -92,7 +92,7 @@ def thin_model(model: ModalModel, max_bytes: int = MAX_SENT_BYTES) -> ModalModel
     note = (
         f"{len(original_surface.points) - len(surface.points)} of {len(original_surface.points)} "
         f"vertices were left out, so that {len(model.frequencies)} modes take "
-        f"{max_bytes / 2**20:g} MB"
+        f"{rounded(max_bytes / 2**20)} MB"
     )
     return replace(
         model,

@@ -184,9 +184,9 @@ class Guard:
         self.close()
         limit, advice = "", "simplify the surface (decimate it), or export it in a binary format"
         if timed_out:
-            limit = f"longer than {self.limits.wall:g} s"
+            limit = f"longer than {rounded(self.limits.wall)} s"
         elif code == _WORKED_TOO_LONG:
-            limit = f"more than {self.limits.seconds:g} s of the processor"
+            limit = f"more than {rounded(self.limits.seconds)} s of the processor"
         elif code == OUT_OF_MEMORY:
             limit = f"more than {self.limits.memory} bytes of memory"
         elif code == _KILLED_CODE:

@@ -155,7 +155,7 @@ def _triangles(faces: ArrayLike) -> Index:
 def units_of(body: object, units: str | None, size: float | None) -> str:
     """Return in words how the numbers of a file or of another library's object became metres."""
     if size is not None:
-        return f"scaled to a size of {size:g} m"
+        return f"scaled to a size of {rounded(size)} m"
     unit = getattr(body, "units", None)
     return units or (f"{unit}, its own" if unit else "m, as none were given")
 

@@ -150,8 +150,8 @@ def _modes(file: Container) -> tuple[Array, Array]:
         raise FileFormatError(f"its N has shape {frequencies.shape}: give one frequency a mode")
     if frequencies.min() <= 0 or decays.min() < 0:
         raise FileFormatError(
-            f"its modes have frequencies from {frequencies.min():g} Hz and decays from "
-            f"{decays.min():g} 1/s: frequencies above 0 and decays of at least 0 are read"
+            f"its modes have frequencies from {rounded(frequencies.min())} Hz and decays from "
+            f"{rounded(decays.min())} 1/s: frequencies above 0 and decays of at least 0 are read"
         )
     return frequencies, decays
 
@@ -191,7 +191,7 @@ def save_sofa_responses(
     is_below_nyquist = field.frequencies < sample_rate / 2
     lost_count = int(np.count_nonzero(~is_below_nyquist))
     remark = (
-        f" ({lost_count} more at or above {sample_rate / 2:g} Hz are left out)"
+        f" ({lost_count} more at or above {rounded(sample_rate / 2)} Hz are left out)"
         if lost_count
         else ""
     )
@@ -241,8 +241,8 @@ def load_sofa_responses(path: str | os.PathLike[str]) -> Responses:
         rates = np.unique(file.numbers("Data.SamplingRate", (1,), (listener_count,)))
         if len(rates) != 1 or rates[0] <= 0:
             raise FileFormatError(
-                f"its sample rates are {', '.join(f'{rate:g}' for rate in rates[:3])} Hz, and one "
-                "above 0 is read: resample it"
+                f"its sample rates are {', '.join(map(rounded, rates[:3]))} Hz, "
+                "and one above 0 is read: resample it"
             )
         shapes = (1, 1, contact_count), (listener_count, 1, contact_count)
         delays = file.numbers("Data.Delay", *shapes)[:, 0] / rates[0]
@@ -393,7 +393,7 @@ def _radius_of(file: Container) -> float:
         return 0.0
     radius = float(file.numbers("BodyRadius", (1,))[0])
     if radius < 0:
-        raise FileFormatError(f"its BodyRadius is {radius:g}: give at least 0 m")
+        raise FileFormatError(f"its BodyRadius is {rounded(radius)}: give at least 0 m")
     return radius
 
 

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from struck.errors import DeviceError, MissingDependencyError
+from struck.errors import DeviceError, MissingDependencyError, rounded
 from struck.live.callback_memory import OPEN, Shared
 
 # Structures and constants of `portaudio.h`.
@@ -453,7 +453,7 @@ class PortAudio:
             self.library,
             code,
             f"{chosen.name} ({chosen.host}) refuses {channels} channels{input_text} at "
-            f"{sample_rate:g} Hz in blocks of {block}",
+            f"{rounded(sample_rate)} Hz in blocks of {block}",
             f"; there is {_list_devices(devices)}; and {TO_FILE}",
         )
         return Stream(self, handle, chosen)

@@ -178,7 +178,7 @@ def _choice(coordinates: tuple[str, ...], places: Mapping[str, Array]) -> str:
 def _three(values: object, name: str) -> Array:
     array = numbers(name, values, error=ContactError)
     if array.shape != (3,) or not np.isfinite(array).all():
-        text = ", ".join(f"{value:g}" for value in array.ravel()[:6])
+        text = ", ".join(map(rounded, array.ravel()[:6]))
         raise ContactError(f"{name} is ({text}): give three finite numbers x, y, z, in m")
     return array
 

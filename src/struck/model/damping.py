@@ -11,7 +11,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import MaterialError, OptionError, StruckError
+from struck.errors import MaterialError, OptionError, StruckError, rounded
 from struck.model.arrays import Array, checked, numbers, require_number
 
 _STEPS, _PRECISION = 200, 1e-14
@@ -243,7 +243,8 @@ def natural_at(frequency: float | str, damping: Damping) -> float:
             return better
         natural = better
     raise MaterialError(
-        f"with this damping no mode rings at {frequency:g} Hz: lower the damping, or tune higher"
+        f"with this damping no mode rings at {rounded(frequency)} Hz: lower the damping, or tune "
+        "higher"
     )
 
 

@@ -210,7 +210,7 @@ class ModalModel:
             coordinates=XYZ if formula is None else XYZ[: formula.forms.dimensions],
             provenance=modes.provenance.extended(
                 references=radiation.references,
-                dropped=(f"{counted(dropped_count, 'mode')} below {lowest:g} Hz",)
+                dropped=(f"{counted(dropped_count, 'mode')} below {rounded(lowest)} Hz",)
                 * (dropped_count > 0),
                 radiation=radiation.name,
             ),
@@ -507,7 +507,8 @@ class ModalModel:
         note = f"{number} without a timbre field, by an estimate: {listing}{remark}"
         natural = self.natural_frequencies
         if is_outside := not np.any((natural >= band[0]) & (natural <= band[1])):
-            note = f"no mode lies from {band[0]:g} to {band[1]:g} Hz: no timbre field is computed"
+            span = f"{rounded(band[0])} to {rounded(band[1])} Hz"
+            note = f"no mode lies from {span}: no timbre field is computed"
             warnings.warn(note, ScaleWarning, stacklevel=3)
         details = {"radiation": "field", "field_error": f"{error:.1%}"}
         provenance = self.provenance.extended(

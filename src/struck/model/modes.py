@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from struck.errors import MaterialError
+from struck.errors import MaterialError, rounded
 from struck.model.arrays import Array, brief
 from struck.model.gains import TransverseShapes
 from struck.model.material import Material
@@ -51,8 +51,9 @@ def changed(modes: Stiffness, old: Material, new: Material) -> Stiffness:
         return replace(modes, frequencies=frequencies, complete_to=complete_to)
     if modes.poisson_slopes is None or not is_known:
         raise MaterialError(
-            f"Poisson's ratio would change from {old.poisson_ratio:g} to {new.poisson_ratio:g}, "
-            "and the slopes of these modes with it are unknown: compute them again"
+            f"Poisson's ratio would change from {rounded(old.poisson_ratio)} to "
+            f"{rounded(new.poisson_ratio)}, and the slopes of these modes with it are unknown: "
+            "compute them again"
         )
     return _first_order(modes, modes.poisson_slopes, old, new, lightness)
 

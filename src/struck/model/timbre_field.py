@@ -283,8 +283,8 @@ class ListenerPart:
         if not is_outside.any() or np.any(distances[~is_outside] >= radius):
             raise OptionError(
                 f"{np.count_nonzero(is_outside)} of {len(places)} listeners are off the centre and "
-                f"at least radius={radius:g} m from it: one must be, and one on the centre needs a "
-                "radius= above 0"
+                f"at least radius={rounded(radius)} m from it: one must be, and one on the centre "
+                "needs a radius= above 0"
             )
         samples = places[is_outside], outputs[is_outside], weights[is_outside]
         part = cls(
@@ -619,8 +619,8 @@ def _notes(
     names = ", ".join(f"{frequency:.6g}" for frequency in survey.frequencies[unmeasured])
     note = (
         f"{len(unmeasured)} of {np.count_nonzero(is_object_mode)} modes were not measured to "
-        f"{100 * worst:g} %, at {names} Hz: record all listeners with another contact as well, or "
-        "with less noise"
+        f"{rounded(100 * worst)} %, at {names} Hz: record all listeners with another contact as "
+        "well, or with less noise"
     )
     return (note,)
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from struck.errors import OptionError
+from struck.errors import OptionError, rounded
 from struck.model.arrays import Array, Index, checked
 from struck.model.contact import Place
 from struck.model.gains import Gains, ShapeGains
@@ -86,10 +86,10 @@ def audible(
         return model
     if not len(modes):
         raise OptionError(
-            f"level is {hearing.level:g}: none of {len(model.frequencies)} modes is audible"
+            f"level is {rounded(hearing.level)}: none of {len(model.frequencies)} modes is audible"
         )
     factors = _solve_factors(model.frequencies, cases, modes)
-    loss = f"are not heard when the loudest contact reaches {hearing.level:g} dB"
+    loss = f"are not heard when the loudest contact reaches {rounded(hearing.level)} dB"
     return _select_modes(model, modes, factors, loss, audible_level=hearing.level)
 
 

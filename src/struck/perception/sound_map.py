@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from struck.errors import FileFormatError, OptionError, counted
+from struck.errors import FileFormatError, OptionError, counted, rounded
 from struck.files.atomic import read_bytes, write_bytes
 from struck.files.container import from_bytes, to_bytes
 from struck.model.arrays import Array, Complex, Index, checked, require_number
@@ -353,7 +353,7 @@ def cover_surface(ear: Ear, surface: Mesh, threshold: float, progress: Progress 
         progress("choosing contacts", 1 - _area(left.corners) / total_area)
         if count + len(left) > MOST_TRIANGLES:
             raise OptionError(
-                f"threshold_db is {threshold:g}: the surface would be cut into "
+                f"threshold_db is {rounded(threshold)}: the surface would be cut into "
                 f"{count + len(left)} triangles, with {MOST_TRIANGLES} allowed; give a larger one, "
                 "or a lower level"
             )

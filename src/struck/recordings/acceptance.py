@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from struck.errors import rounded
 from struck.files.sound import Sound
 from struck.model.arrays import Array
 
@@ -57,7 +58,7 @@ def examine_take(
     if samples.shape[1] <= lead_length:
         return TakeVerdict(
             reason=f"it is cut short: it lasts {sound.duration:.2f} s, the lead-in alone "
-            f"{lead_in:g} s; look whether the device still records"
+            f"{rounded(lead_in)} s; look whether the device still records"
         )
     hit = _find_onset(samples, lead_length, rate)
     checks = (
@@ -140,18 +141,18 @@ def _check_levels(samples: Array, lead_length: int, bounds: Bounds) -> str:
         if peak - noise < bounds.above_noise:
             return (
                 f"{channel_name} hears no hit: its peak is {peak - noise:.0f} dB over the ambient "
-                f"sound, and {bounds.above_noise:g} dB are needed; strike harder, come nearer, or "
-                "quiet the room"
+                f"sound, and {rounded(bounds.above_noise)} dB are needed; strike harder, come "
+                "nearer, or quiet the room"
             )
         if peak < bounds.quietest:
             return (
                 f"{channel_name} is too quiet: its peak is {peak:.1f} dB of full scale, below "
-                f"{bounds.quietest:g} dB; turn the gain up"
+                f"{rounded(bounds.quietest)} dB; turn the gain up"
             )
         if peak > bounds.loudest:
             return (
                 f"{channel_name} is too loud: its peak is {peak:.1f} dB of full scale, above "
-                f"{bounds.loudest:g} dB; turn the gain down"
+                f"{rounded(bounds.loudest)} dB; turn the gain down"
             )
     return ""
 
@@ -164,8 +165,8 @@ def _check_duration(hit: int | None, length: int, rate: int, seconds: float) -> 
     if round(seconds_left * rate) >= round(seconds * rate):
         return ""
     return (
-        f"it ends {seconds_left:.2f} s after the hit, and {seconds:g} s are planned: strike sooner "
-        "after the cue, or plan more patience or fewer seconds"
+        f"it ends {seconds_left:.2f} s after the hit, and {rounded(seconds)} s are planned: strike "
+        "sooner after the cue, or plan more patience or fewer seconds"
     )
 
 

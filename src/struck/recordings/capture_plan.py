@@ -15,7 +15,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from struck.errors import FileFormatError, OptionError, RecordingError, require_choice
+from struck.errors import FileFormatError, OptionError, RecordingError, require_choice, rounded
 from struck.files.atomic import real
 from struck.model import arrays
 from struck.model.arrays import Array, Complex, Index, brief, checked
@@ -96,7 +96,7 @@ class Hooks:
         try:
             code = process.wait(self.timeout)
         except subprocess.TimeoutExpired:
-            return f"did not end within {self.timeout:g} s (hooks.timeout)"
+            return f"did not end within {rounded(self.timeout)} s (hooks.timeout)"
         finally:
             _end(process)
         return f"ended with exit code {code}" if code else ""
@@ -467,8 +467,8 @@ def _require_something(plan: CapturePlan) -> None:
     length = plan.lead_in + plan.patience + plan.seconds
     if length > LONGEST:
         raise OptionError(
-            f"lead_in, patience and seconds are {length:g} s together: at most {LONGEST:g} s are "
-            "recorded at once"
+            f"lead_in, patience and seconds are {rounded(length)} s together: at most {LONGEST:g} "
+            "s are recorded at once"
         )
 
 

@@ -214,7 +214,7 @@ def _require_blow(blow: Strike | None, *, residual: bool | None) -> None:
         )
     if blow.shape != "half-sine" or blow.transient:
         raise OptionError(
-            f"blow has the shape {blow.shape!r} and the transient {blow.transient:g}: only "
+            f"blow has the shape {blow.shape!r} and the transient {rounded(blow.transient)}: only "
             "a half-sine of some impulse and duration is divided out, so give that"
         )
 

@@ -378,7 +378,8 @@ class TomlTable:
             return default
         if not (_is_number(value) and low <= value <= high):
             raise self.error(
-                f"{key} is {_format_value(value)}: give a number from {low:g} to {high:g}"
+                f"{key} is {_format_value(value)}: give a number from {rounded(low)} to "
+                f"{rounded(high)}"
             )
         return float(value)
 

@@ -124,7 +124,9 @@ def label_frequencies(axis: Axis) -> None:
     axis.set_major_locator(FixedLocator(_TICKS))
     axis.set_minor_locator(NullLocator())
     axis.set_major_formatter(
-        FuncFormatter(lambda hertz, _: f"{hertz:g}" if hertz < 1e3 else f"{hertz / 1e3:g}k")
+        FuncFormatter(
+            lambda hertz, _: rounded(hertz) if hertz < 1e3 else f"{rounded(hertz / 1e3)}k"
+        )
     )
 
 

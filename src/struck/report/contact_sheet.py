@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from struck.errors import OptionError
+from struck.errors import OptionError, rounded
 from struck.files.sound import Sound
 from struck.model.arrays import Array
 from struck.model.picture_style import in_default_style
@@ -246,7 +246,7 @@ def _explain(figure: object, things: Sequence[_Thing], planes: Sequence[Body], t
     keys = [Patch(color=thing.colour.tolist(), label=plain(thing.name)) for thing in moving]
     keys = keys if len(keys) <= _MAX_LEGEND_ENTRIES else []
     if planes:
-        size = f"{tile:g} m" if tile >= 1 else f"{100 * tile:g} cm"
+        size = f"{rounded(tile)} m" if tile >= 1 else f"{rounded(100 * tile)} cm"
         label = f"floor: tiles of {size}"
         keys.append(Patch(facecolor=_TILE_COLOURS[1].tolist(), edgecolor=FAINT, label=label))
     if keys:

@@ -73,9 +73,10 @@ def summary(model: ModalModel, *, whole: bool = True) -> list[str]:
         kind, _, values = repr(material.damping).rstrip(")").partition("(")
         kind = re.sub("(?<=[a-z])(?=[A-Z])", " ", kind).lower()
         lines.append(
-            f"material  {material.name}: {material.density:g} kg/m3, "
-            f"E = {rounded(material.youngs_modulus / 1e9)} GPa, Poisson "
-            f"{material.poisson_ratio:g}, {kind} of {values.replace('_', ' ').replace('=', ' ')}"
+            f"material  {material.name}: {rounded(material.density)} kg/m3, E = "
+            f"{rounded(material.youngs_modulus / 1e9)} GPa, Poisson "
+            f"{rounded(material.poisson_ratio)}, {kind} of "
+            f"{values.replace('_', ' ').replace('=', ' ')}"
         )
     lines += [] if model.mass is None else [f"mass      {rounded(model.mass, 4)} kg"]
     if model.geometry is not None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from struck.errors import OptionError, counted
+from struck.errors import OptionError, counted, rounded
 from struck.excitation.pulses import SPECTRA
 from struck.excitation.strike import Strike
 from struck.model.arrays import Array, Complex, Mask, checked, numbers, require_numbers
@@ -333,7 +333,7 @@ def _directivity(model: ModalModel, mode: int | str) -> Figure:
         radii = _shown(_powers(model, ring, mode) / powers.max())
         label = f"from {name}: {'xyz'[across]} right, {'xyz'[up]} up"
         cuts.plot(angles, radii, color=colour, label=label)
-    cuts.set_yticks([0, 10, 20, 30], [f"{level - _RANGE:g} dB" for level in (0, 10, 20, 30)])
+    cuts.set_yticks([0, 10, 20, 30], [f"{rounded(level - _RANGE)} dB" for level in (0, 10, 20, 30)])
     cuts.set_ylim(0, _RANGE)
     cuts.tick_params(labelsize=8, labelcolor=FAINT)
     cuts.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), fontsize=8, frameon=False)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from struck.errors import counted
+from struck.errors import counted, rounded
 from struck.model.arrays import Array, Index, checked
 from struck.model.picture_style import in_default_style
 from struck.perception.auditory_scale import integrated
@@ -132,7 +132,7 @@ def _label(axes: Axes, low: float, high: float) -> None:
     digits = 10 ** (np.floor(np.log10(steps)) - 1)
     axes.xaxis.set_major_locator(FixedLocator((np.round(steps / digits) * digits).tolist()))
     axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda hertz, _: f"{hertz:g}"))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda hertz, _: rounded(hertz)))
     axes.set_xlabel("brightness: centroid of the spectrum (Hz)", fontsize=8, color=FAINT)
     axes.tick_params(labelsize=8)
 
@@ -147,6 +147,6 @@ def _mask_inaudible(sound_map: SoundMap, values: Array) -> Array:
 def _title(sound_map: SoundMap, seen: int) -> str:
     return (
         f"{counted(len(sound_map.contacts), 'stored sound')}, {seen} on this side: at "
-        f"{sound_map.level:g} dB no contact is farther than {sound_map.bound:.2f} dB from what is "
-        "stored for it"
+        f"{rounded(sound_map.level)} dB no contact is farther than {sound_map.bound:.2f} dB from "
+        "what is stored for it"
     )

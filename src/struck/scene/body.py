@@ -459,9 +459,9 @@ def doubts(bodies: Sequence[Body], seconds: float | None) -> tuple[str, ...]:
         )
     if max_speed > _PLAUSIBLE_SPEED:
         warnings.warn(
-            f"a striker's speed is {max_speed:g} m/s: above {_PLAUSIBLE_SPEED:g} m/s nothing stays "
-            f"elastic, as Hertz's law of the blow has it; {max_speed:g} cm/s is "
-            f"{max_speed / 100:g}",
+            f"a striker's speed is {rounded(max_speed)} m/s: above {_PLAUSIBLE_SPEED:g} m/s "
+            f"nothing stays elastic, as Hertz's law of the blow has it; {rounded(max_speed)} cm/s "
+            f"is {rounded(max_speed / 100)}",
             ScaleWarning,
             stacklevel=4,
         )
@@ -497,9 +497,9 @@ def long_contacts(body: Body, seconds: float | None) -> tuple[str, ...]:
         if strike.duration is None:
             hint = "give a higher speed=, in m/s, or a lighter striker"
         elif seconds is None:
-            hint = f"did you mean seconds={duration:g}, the length of the sound?"
+            hint = f"did you mean seconds={rounded(duration)}, the length of the sound?"
         else:
-            hint = f"did you mean duration={duration / 1000:g}, in s?"
+            hint = f"did you mean duration={rounded(duration / 1000)}, in s?"
         clause = f"a strike pushes for {rounded(duration, 3)} s"
         notes[f"{clause}, and blows last at most {_LONGEST_BLOW:g} s: {hint}"] = None
     return tuple(notes)

@@ -22,8 +22,8 @@ def require_fade(fade: float | None, seconds: float | None) -> None:
     require_number("fade", fade, 0, hint="give seconds, as 0.01, or 0 for none", unit=" s")
     if seconds is not None and fade > seconds:
         raise OptionError(
-            f"fade is {fade:g} s and the sound lasts {seconds:g} s: give a fade of at most that, "
-            "or more seconds"
+            f"fade is {rounded(fade)} s and the sound lasts {rounded(seconds)} s: give a fade of "
+            "at most that, or more seconds"
         )
 
 

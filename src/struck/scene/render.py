@@ -488,8 +488,8 @@ def _note_dropped_modes(model: ModalModel, sample_rate: int) -> tuple[str, ...]:
     if not lost_count:
         return ()
     note = (
-        f"{lost_count} of {len(is_below_nyquist)} modes lie at or above {sample_rate / 2:g} Hz and "
-        "were left out"
+        f"{lost_count} of {len(is_below_nyquist)} modes lie at or above {rounded(sample_rate / 2)} "
+        "Hz and were left out"
     )
     return (note,)
 

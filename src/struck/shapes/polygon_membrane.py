@@ -14,7 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from struck.errors import MeshError, OptionError, SolverError
+from struck.errors import MeshError, OptionError, SolverError, rounded
 from struck.model.arrays import Array, checked
 from struck.model.material import Material
 from struck.model.provenance import Progress, silent
@@ -395,8 +395,8 @@ class PolygonMembrane(Shape):
         count = estimate_count(self._plan, max_eigenvalue)
         if count > _MAX_MODES:
             raise OptionError(
-                f"about {count:.0f} modes lie below {highest:g} Hz, and {_MAX_MODES} can be had: "
-                f"check the lengths (m), or end the band at "
+                f"about {count:.0f} modes lie below {rounded(highest)} Hz, and {_MAX_MODES} can be "
+                "had: check the lengths (m), or end the band at "
                 f"{np.floor(highest * np.sqrt(_MAX_MODES / count)):.0f} Hz or lower"
             )
         eigenmodes = spectrum(self._loop, max_eigenvalue, progress)

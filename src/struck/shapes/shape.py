@@ -260,9 +260,9 @@ class Shape(ABC):
 def _require_few(frequencies: Array, max_frequency: float) -> None:
     if len(frequencies) > _MAX_MODES:
         raise OptionError(
-            f"the body has {len(frequencies)} modes up to {max_frequency:g} Hz: a model takes at "
-            f"most {_MAX_MODES}; check the lengths (m), or end the band at "
-            f"{np.floor(frequencies[_MAX_MODES]):g} Hz"
+            f"the body has {len(frequencies)} modes up to {rounded(max_frequency)} Hz: a model "
+            f"takes at most {_MAX_MODES}; check the lengths (m), or end the band at "
+            f"{rounded(np.floor(frequencies[_MAX_MODES]))} Hz"
         )
 
 
@@ -273,16 +273,15 @@ def _describe_empty_band(
     low, high = band
     if len(vibration.frequencies):
         return (
-            f"no mode lies between {low:g} and {high:g} Hz, though {len(vibration.frequencies)} "
-            f"lie below, the highest at {rounded(vibration.frequencies[-1], 4)} Hz: widen the band"
+            f"no mode lies between {rounded(low)} and {rounded(high)} Hz, though "
+            f"{len(vibration.frequencies)} lie below, the highest at "
+            f"{rounded(vibration.frequencies[-1], 4)} Hz: widen the band"
         )
     for factor in 2.0 ** np.arange(1, 12):
         frequencies = shape.vibration(material, high * factor).frequencies
         if len(frequencies):
-            lowest_frequency = rounded(frequencies[0], 4)
-            return (
-                f"the lowest mode is at {lowest_frequency} Hz, above the band's end of {high:g} Hz"
-            )
+            lowest, end = rounded(frequencies[0], 4), rounded(high)
+            return f"the lowest mode is at {lowest} Hz, above the band's end of {end} Hz"
     return f"no mode lies below {rounded(high * 2048)} Hz: check the lengths (m) of the body"
 
 
@@ -314,8 +313,8 @@ def require_count(body: str, count: float, max_frequency: float) -> None:
     """Refuse bands with over 100,000 modes before any is computed."""
     if not count <= _MAX_PLAN_MODES:
         raise OptionError(
-            f"the {body} has about {rounded(count, 2)} modes up to {max_frequency:g} Hz: "
-            f"at most {_MAX_PLAN_MODES} are computed; end the band lower, or check the lengths (m)"
+            f"the {body} has about {rounded(count, 2)} modes up to {rounded(max_frequency)} Hz: at "
+            f"most {_MAX_PLAN_MODES} are computed; end the band lower, or check the lengths (m)"
         )
 
 

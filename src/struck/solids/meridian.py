@@ -499,7 +499,7 @@ def _reach(curve: MeridianCurve, radius: float, name: str) -> float:
     is_beyond = curve.at(positions)[:, 0] >= radius
     if not is_beyond.any() or radius <= 0:
         raise MeshError(
-            f"the stem ends with a radius of {radius:g} m, the {name} reaches "
+            f"the stem ends with a radius of {rounded(radius)} m, the {name} reaches "
             f"{rounded(curve.at(positions)[:, 0].max(), 4)} m: give a radius between 0 and that"
         )
     index = int(np.argmax(is_beyond))

@@ -392,16 +392,15 @@ class Forecast:
             if recoils and self.sides[0] >= _GRAIN:
                 return ""
             raise NoModeError(
-                f"no mode lies below {max_frequency:g} Hz: the lowest is at about "
+                f"no mode lies below {rounded(max_frequency)} Hz: the lowest is at about "
                 f"{rounded(self.lowest, 2)} Hz in {self._size} so check its units (lengths are in "
                 "m), or widen band="
             )
         cost = Cost.of(count, nodes)
         if count <= MANY_MODES and not cost.is_high:
             return ""
-        message = (
-            f"{self._size} has about {_round_to_digit(count)} modes below {max_frequency:g} Hz"
-        )
+        modes = f"about {_round_to_digit(count)} modes below {rounded(max_frequency)} Hz"
+        message = f"{self._size} has {modes}"
         end = self._end(max_frequency, nodes)
         lower = (
             f"end the band lower, as in band=(20, {end:.0f})" if end > 20 else "check its lengths"
@@ -413,7 +412,9 @@ class Forecast:
             raise OptionError(f"{message}, and at most {MOST_MODES:,} are computed: {hint}")
         message = f"{message}, which take {cost.effort}: {hint}"
         if cost.is_high and not requested:
-            raise OptionError(f"{message}, or request all of them by band=(20, {max_frequency:g})")
+            raise OptionError(
+                f"{message}, or request all of them by band=(20, {rounded(max_frequency)})"
+            )
         return message
 
     @property

@@ -14,7 +14,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import RecordingError
+from struck.errors import RecordingError, rounded
 from struck.model.arrays import Array, Index
 from struck.model.model import ModalModel
 from struck.model.modes import Stiffness, changed
@@ -277,7 +277,7 @@ class Partials:
             if values.shape != (count,):
                 raise RecordingError(f"{name} of {count} modes have shape {values.shape}")
             if not (np.isfinite(values).all() and values.min() >= 0):
-                raise RecordingError(f"{name} hold {values.min():g}: leave such modes out")
+                raise RecordingError(f"{name} hold {rounded(values.min())}: leave such modes out")
         if self.frequencies.min() <= 0:
             raise RecordingError("a mode rings at 0 Hz: leave it out")
 

@@ -15,7 +15,7 @@ from numpy.random import Generator
 from numpy.typing import ArrayLike
 from scipy.optimize import linear_sum_assignment
 
-from struck.errors import OptionError, RecordingError
+from struck.errors import OptionError, RecordingError, rounded
 from struck.model.arrays import Array, Index
 from struck.model.model import ModalModel
 from struck.recordings.calibration.agreement import (
@@ -108,8 +108,8 @@ def _audible_fractions(audible: ArrayLike | None, count: int) -> Array:
     shares = np.ones(count) if audible is None else np.asarray(audible, np.float64)
     if shares.shape != (count,) or not ((shares >= 0) & (shares <= 1)).all():
         raise OptionError(
-            f"audible has shape {shares.shape} and reaches from {shares.min():g} to "
-            f"{shares.max():g}: give a share from 0 to 1 for each of {count} modes"
+            f"audible has shape {shares.shape} and reaches from {rounded(shares.min())} to "
+            f"{rounded(shares.max())}: give a share from 0 to 1 for each of {count} modes"
         )
     return shares
 

@@ -335,9 +335,9 @@ class Search:
             min_frequency = np.sqrt(max(pairs.values[0], 0.0)) / (2 * np.pi)
             max_frequency = np.sqrt(self.bound) / (2 * np.pi)
             raise NoModeError(
-                f"no mode lies below {max_frequency:g} Hz: the lowest is at "
-                f"{rounded(min_frequency, 4)} Hz; "
-                "widen band=, or make the body larger, thinner or softer"
+                f"no mode lies below {rounded(max_frequency)} Hz: the lowest is at "
+                f"{rounded(min_frequency, 4)} Hz; widen band=, or make the body larger, thinner or "
+                "softer"
             )
 
     @cached_property

@@ -260,9 +260,9 @@ def _require_cavity(body: FilledBody | WalledSheet) -> None:
         if max_depth > body.wall:
             return
     raise MeshError(
-        f"a wall of {body.wall:g} m leaves no cavity in a body of {rounded(body.mesh.extent, 3)} "
-        f"m, {rounded(max_depth, 3)} m deep: leave wall= out for a solid body, or give a thinner "
-        "wall"
+        f"a wall of {rounded(body.wall)} m leaves no cavity in a body of "
+        f"{rounded(body.mesh.extent, 3)} m, {rounded(max_depth, 3)} m deep: leave wall= out for a "
+        "solid body, or give a thinner wall"
     )
 
 

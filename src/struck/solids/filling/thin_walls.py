@@ -17,7 +17,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import KDTree
 
-from struck.errors import MeshError
+from struck.errors import MeshError, rounded
 from struck.model.arrays import Array, Index, Mask
 from struck.model.mesh import Closest, Mesh, Surface, barycentric
 from struck.model.mesh_topology import components, edges_of, turned_faces
@@ -141,8 +141,8 @@ def add_both_faces(sheet: WalledSheet) -> FilledBody | None:
     )
     if len(crossings(both_sides)):
         raise MeshError(
-            f"a wall of {sheet.wall:g} m around this one-sided sheet crosses itself: give less "
-            "wall="
+            f"a wall of {rounded(sheet.wall)} m around this one-sided sheet crosses itself: give "
+            "less wall="
         )
     return FilledBody(mesh=both_sides)
 

@@ -144,7 +144,7 @@ def _repair_sewn(
     if wall is not None and _is_strip(mesh):
         record.note(
             "The surface has one side, as a Moebius strip has.",
-            f"Taken as the middle of a wall of {wall:g} m.",
+            f"Taken as the middle of a wall of {rounded(wall)} m.",
         )
         return mesh, True
     bare_mesh = find_open_faces(mesh)
@@ -381,7 +381,7 @@ def _sheet(surface: Mended, open_rims: list[Index], wall: float | None, record: 
         )
     record.note(
         "The surface is open: a sheet with one side.",
-        f"Taken as the middle of a wall of {wall:g} m.",
+        f"Taken as the middle of a wall of {rounded(wall)} m.",
     )
     return sheet
 
