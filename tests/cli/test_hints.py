@@ -53,7 +53,6 @@ HINTS = {
     "render bar.struck --loud 3": "did you mean --level?",
     "render bar.struck --channels 2": "did you mean --stereo?",
     "render bar.struck --quality high": "did you mean --accuracy of struck analyze?",
-    "render bar.struck --samples 9": "did you mean --scrape? leave",
     "render bar.struck --length 3": "did you mean --seconds?",
     "render bar.struck --time 3": "did you mean --seconds?",
     "render bar.struck --hammer wood": "did you mean --striker?",
