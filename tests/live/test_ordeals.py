@@ -143,7 +143,7 @@ def test_seconds_of_anything(by_hand: Make, seconds: float) -> None:
 
 @pytest.mark.prove
 def test_two_minutes_of_anything(by_hand: Make) -> None:
-    """What grows once, in a process that other tests have used, does not grow again; a leak does."""
+    """What grows once, in a process that other tests used, does not grow again; a leak does."""
     assert any(ordeal(by_hand, 120, 30) < 5 * 2**20 for _ in range(2))
 
 
