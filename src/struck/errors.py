@@ -151,7 +151,7 @@ _SYNONYMS = {
 }
 
 
-_SIMILAR = 0.1  # of difflib's ratio: a name less similar than the best by more is not meant
+_RATIO_MARGIN = 0.1  # of difflib's ratio: a name less similar than the best by more is not meant
 
 
 def nearest(name: str, known: Iterable[str], form: str = "{}", *, spelling: bool = True) -> str:
@@ -170,15 +170,15 @@ def nearest(name: str, known: Iterable[str], form: str = "{}", *, spelling: bool
     if len(parts) > 1:
         matches = matches or [item for item in names if item in parts][:3]
     cutoff = 0.55 if spelling else 0.85  # then only of a slip of the fingers
-    matches = matches or _most_similar(plain, names, cutoff)
+    matches = matches or _find_similar_names(plain, names, cutoff)
     return f"did you mean {' or '.join(map(form.format, matches))}? " if matches else ""
 
 
-def _most_similar(name: str, names: Sequence[str], cutoff: float) -> list[str]:
+def _find_similar_names(name: str, names: Sequence[str], cutoff: float) -> list[str]:
     """Return up to three of `names`: the most similar one, and others nearly as similar."""
     ratios = {item: difflib.SequenceMatcher(b=name, a=item).ratio() for item in names}
-    similar = difflib.get_close_matches(name, names, n=3, cutoff=cutoff)
-    return [item for item in similar if ratios[item] > ratios[similar[0]] - _SIMILAR]
+    close_names = difflib.get_close_matches(name, names, n=3, cutoff=cutoff)
+    return [item for item in close_names if ratios[item] > ratios[close_names[0]] - _RATIO_MARGIN]
 
 
 def require_choice(

@@ -255,11 +255,11 @@ def _suggest_option(parser: argparse.ArgumentParser, command: str, name: str) ->
     suggestion = nearest(name, known, "--{}", spelling=False)
     if suggestion:
         return suggestion
-    elsewhere = {other: _list_options(other) for other in COMMANDS if other != command}
-    for other, options in elsewhere.items():
+    other_options = {name: _list_options(name) for name in COMMANDS if name != command}
+    for other, options in other_options.items():
         if name in options:
             return f"--{name} is an option of struck {other}: "
-    for other, options in elsewhere.items():
+    for other, options in other_options.items():
         if suggestion := nearest(name, options, f"--{{}} of struck {other}", spelling=False):
             return suggestion
     return nearest(name, known, "--{}")
