@@ -7,6 +7,7 @@ import http.client
 import socket
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
@@ -18,6 +19,7 @@ from struck.cli import main
 from struck.errors import OptionError
 from struck.explorer import server
 from struck.explorer.admission import LARGEST_BODY
+from struck.explorer.facts import number_places
 from struck.explorer.server import STATIC, Explorer
 from struck.shapes import Bar
 from tests.explorer.served import Client
@@ -303,3 +305,13 @@ def test_browser_opens_where_there_is_a_display(
         assert explorer.url.partition("=")[2] not in page
         assert explorer.url in Path(unquote(urlsplit(page).path)).read_text()
         assert explorer.url in capsys.readouterr().err
+        assert explorer.open_in_browser()  # as one does who has closed the page
+        assert opened == [page, page]
+    with pytest.raises(OptionError, match="the room is closed"):
+        explorer.open_in_browser()
+
+
+def test_a_place_without_a_name_is_numbered_as_others_are(bar: struck.ModalModel) -> None:
+    assert bar.geometry is not None
+    nameless = replace(bar, places={"": bar.geometry.points[0]}, playing_place=None)
+    assert [place["name"] for place in number_places(nameless)][1] == ""

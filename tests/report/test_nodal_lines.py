@@ -139,6 +139,26 @@ def test_lines_through_vertices_are_drawn_once() -> None:
     assert length(lines) == pytest.approx(4.0)
 
 
+def test_a_string_shows_its_nodes_and_not_its_ends() -> None:
+    """Mode n has n - 1 nodes; across so thin a body, lines are shorter than a pixel."""
+    string = struck.shapes.String(length=0.6, radius=2e-4, tension=60.0)
+    model = struck.analyze(string, "steel", band=(20, 900), recoil=False)
+    figure = struck.show(model, nodal_lines=4)
+    for mode, (axes, segments) in enumerate(zip(figure.axes, panels(figure), strict=True)):
+        nodes = 0.6 * np.arange(1, mode + 1) / (mode + 1)
+        marks = np.concatenate([each.get_xdata() for each in axes.lines])
+        for drawn in (segments[..., 0].ravel(), marks):
+            assert len(drawn) if mode else not len(drawn)
+            off = np.abs(drawn[:, None] - nodes)
+            assert (off.min(axis=1, initial=1.0) < 0.003).all(), mode
+            assert (off.min(axis=0, initial=1.0) < 0.003).all(), mode
+    corner = np.arange(8)  # a strip, two rows of nine vertices, held at its ends
+    points = np.array([(x, y) for y in (0.0, 1.0) for x in range(9)], float)
+    faces = np.concatenate([corner[:, None] + [0, 1, 10], corner[:, None] + [0, 10, 9]])
+    lines = zero_lines(points, faces, -np.sin(np.pi * points[:, 0] / 4).round(12))
+    assert {*lines[..., 0].ravel()} == {4.0}
+
+
 def test_the_shell_draws_nodal_lines(tmp_path: Path) -> None:
     membrane = RectangularMembrane(length=0.3, width=0.3, thickness=1e-4, tension=30_000.0)
     struck.save(struck.analyze(membrane, "steel", band=(20, 1500)), tmp_path / "a.struck")

@@ -90,7 +90,7 @@ def number_places(model: ModalModel) -> Iterator[dict[str, Any]]:
     min_distance = 0.02 * surface.extent
     # Everyday names first; those of axes may be at the same points.
     named_places = sorted(
-        model.places.items(), key=lambda pair: pair[0][0] in "+-" or pair[0] == "bottom"
+        model.places.items(), key=lambda pair: pair[0].startswith(("+", "-")) or pair[0] == "bottom"
     )
     playing = model.contact()
     first = [(playing.name or _UNNAMED_PLACE, None)]

@@ -42,8 +42,9 @@ class PrivateFolder:
         self._lock = _lock_folder(self.path)
 
     def write_private(self, name: str, text: str) -> Path:
-        """Write a new file of mode 0600, and return its path."""
+        """Write a file of mode 0600 in place of any of that name, and return its path."""
         path = self.path / name
+        path.unlink(missing_ok=True)
         with open(path, "x", encoding="utf-8", opener=_open_private) as file:
             file.write(text)
         return path

@@ -134,7 +134,14 @@ class Explorer:
         -------
         bool
             Whether a browser could be started.
+
+        Raises
+        ------
+        OptionError
+            If the room is closed.
         """
+        if self._ended.is_set():
+            raise OptionError("the room is closed: open another by struck.explore")
         address = html.escape(self.url)
         page = self._folder.write_private(
             "open.html",

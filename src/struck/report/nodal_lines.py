@@ -92,8 +92,7 @@ def zero_lines(points: Array, faces: Index, values: Array) -> Array:
     is_moving = np.abs(values) > _ZERO * largest
     edges = _border(faces)
     is_held = np.zeros(len(values), np.bool_)
-    is_held[edges] = True
-    is_held[edges[is_moving[edges].any(axis=1)]] = False
+    is_held[edges[~is_moving[edges].any(axis=1)]] = True
     # Zero counts as above zero, so that each line is found once, from below.
     is_negative = values[faces] < 0
     is_crossed = is_negative.any(axis=1) & ~is_negative.all(axis=1)
@@ -142,6 +141,8 @@ def draw_nodal_lines(gains: ShapeGains, frequencies: Array, title: str) -> Figur
         axes.add_collection(
             LineCollection(list(lines), colors=INK, linewidths=1.7, capstyle="round")
         )
+        # Across a string a line is shorter than a pixel, of which the renderer draws nothing.
+        axes.plot(*lines.reshape(-1, 2).T, "o", color=INK, markersize=1.7, markeredgewidth=0)
         remark = "" if motion.any() else "\nmoves in its plane"
         axes.set_title(f"{mode + 1}:  {hertz(frequencies[mode])}{remark}", fontsize=9, color=INK)
         margin = _MARGIN * float((high - low).max())

@@ -1,5 +1,7 @@
 /** The list of modes: frequency, note, time of decay, and how loudly each rings now. */
 
+import { lasting } from './words.js';
+
 const NAMES = ['C', 'C♯', 'D', 'D♯', 'E', 'F', 'F♯', 'G', 'G♯', 'A', 'A♯', 'B'];
 const RANGE = 60; // dB that the bars show
 const HEARD = [20, 20_000]; // Hz
@@ -9,6 +11,11 @@ export function isAudible(frequency) {
   return frequency >= HEARD[0] && frequency <= HEARD[1];
 }
 
+/** Return whether a frequency, Hz, is too low to be heard. */
+export function isBelow(frequency) {
+  return frequency < HEARD[0];
+}
+
 /** Return the nearest equal-tempered note (A4 = 440 Hz) with the cents beside it. */
 export function note(frequency) {
   const semitones = 69 + 12 * Math.log2(frequency / 440);
@@ -16,14 +23,6 @@ export function note(frequency) {
   const cents = Math.round(100 * (semitones - nearest));
   const sign = cents < 0 ? '−' : '+';
   return `${NAMES[((nearest % 12) + 12) % 12]}${Math.floor(nearest / 12) - 1} ${sign}${Math.abs(cents)}`;
-}
-
-/** Return a time to decay by 60 dB in words. */
-function lasting(decay) {
-  const t60 = Math.log(1000) / Math.max(decay, 1e-9);
-  if (t60 > 999) return 'endless';
-  if (t60 < 0.01) return `${(1000 * t60).toPrecision(1)} ms`;
-  return `${t60 >= 10 ? t60.toFixed(0) : t60.toFixed(t60 >= 1 ? 1 : 2)} s`;
 }
 
 /** Return how much of a half-sine of some duration, s, a frequency gets, from 0 to 1. */

@@ -1,6 +1,7 @@
 /** The chosen object: what it is, and its material, size and damping to be changed while it rings. */
 
-import { isAudible } from './modes.js';
+import { isAudible, isBelow } from './modes.js';
+import { hertz, length, times, weight } from './words.js';
 
 const PAUSE = 40; // ms between two questions to the server while a slider moves
 const get = (id) => document.getElementById(id);
@@ -10,26 +11,16 @@ const fields = {
   changes: get('changes'), material: get('material'), size: get('size'), damping: get('damping'), original: get('original'),
 };
 
-/** Return a mass, kg, in words to three digits: "56.7 g", "1230 kg". */
-export function weight(mass) {
-  // From 1000 on, and below a millionth, toPrecision alone would write a power of ten.
-  const digits = (value) => Number(value.toPrecision(3)).toLocaleString('en', { useGrouping: false, maximumSignificantDigits: 3 });
-  if (mass >= 0.9995) return `${digits(mass)} kg`;
-  return mass < 9.995e-4 ? `${digits(1e6 * mass)} mg` : `${digits(1000 * mass)} g`;
-}
-
-/** Return a factor in words: "as it was", "2.0 times". */
-function times(factor) {
-  if (Math.abs(factor - 1) < 0.005) return 'as it was';
-  return `${factor < 10 ? factor.toPrecision(2) : factor.toFixed(0)} times`;
-}
-
-/** Return a length of a body in words. */
-function length(metres) {
-  return metres < 0.0995 ? `${(1000 * metres).toPrecision(2)} mm` : `${(100 * metres).toFixed(0)} cm`;
-}
-
 const THRESHOLD = 2e-5; // Pa, of hearing
+
+/** Say that none of these frequencies, ascending, can be heard, and where they lie. */
+function silence(frequencies) {
+  const [lowest, highest] = [frequencies[0], frequencies.at(-1)];
+  if (lowest === undefined) return 'It has no mode that can be heard';
+  if (lowest === highest) return `Its only mode cannot be heard: it lies at ${hertz(lowest)}`;
+  const where = isBelow(highest) ? `the highest lies at ${hertz(highest)}` : `the lowest lies at ${hertz(lowest)}`;
+  return `None of its ${frequencies.length} modes can be heard: ${where}`;
+}
 
 /** Return sentences about what is heard of an object otherwise than one would think. */
 function notesOf(facts, model) {
@@ -37,8 +28,7 @@ function notesOf(facts, model) {
   if (facts.averaged) notes.push('Its computed timbre field is played as its average over all directions; struck render and struck play play the field itself.');
   const audible = [...model.frequencies].some(isAudible);
   if (!audible) {
-    const lowest = model.count ? `None of its ${model.count} modes can be heard: the lowest lies at ${(model.frequencies[0] / 1000).toPrecision(3)} kHz` : 'It has no mode that can be heard';
-    notes.push(`${lowest}. A blow ${model.recoil ? 'is heard by its recoil alone, as a short click' : 'makes no sound that can be heard'}.`);
+    notes.push(`${silence(model.frequencies)}. A blow ${model.recoil ? 'is heard by its recoil alone, as a short click' : 'makes no sound that can be heard'}.`);
   } else if (facts.calibrated && facts.peak < THRESHOLD) {
     notes.push('A blow on it is too soft to be heard at 1 m; here it is made louder.');
   }

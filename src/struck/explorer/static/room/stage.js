@@ -170,6 +170,8 @@ export class Stage {
     this.own = own ? all.clone() : null;
     const edges = boxes.map((each) => Math.max(...each.getSize(new THREE.Vector3()).toArray()));
     this.controls.minDistance = Math.min(NEAREST, 3 * Math.min(...edges, NEAREST));
+    this.camera.near = Math.min(0.02, this.controls.minDistance / 3); // a small body is not cut
+    this.camera.updateProjectionMatrix();
     const steady = !own && ROOM.containsBox(all); // the room's own limits, light and wall
     this.all = steady ? null : all.clone();
     all.expandByPoint(new THREE.Vector3(all.min.x, all.min.y, 0));
