@@ -327,7 +327,7 @@ def complaints(value: Any, schema: dict[str, Any], root: dict[str, Any]) -> list
         target = root["$defs"][schema["$ref"].removeprefix("#/$defs/")]
         return complaints(value, target, root)
     types = {"object": dict, "array": list, "string": str, "number": (int, float)}
-    types |= {"null": type(None), "boolean": bool}
+    types |= {"null": type(None), "boolean": bool, "integer": int}
     kinds = [schema["type"]] if isinstance(schema.get("type"), str) else schema.get("type", [])
     objects, arrays = isinstance(value, dict), isinstance(value, list)
     number = isinstance(value, int | float)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import struck
@@ -15,9 +18,11 @@ from struck.files.container import unpack
 from struck.model.chart import Chart
 from struck.model.gains import TransverseShapes
 from struck.model.material import Material
+from struck.model.model import _OTHERS
 from struck.model.provenance import Provenance
 from struck.model.recoil import Recoil
-from struck.model.timbre_table import SYSTEMS
+from struck.model.residual import Residual
+from struck.model.timbre_table import SYSTEMS, SinglePoint
 from struck.radiation.radiated_power import ESTIMATES
 from struck.shapes import (
     Bar,
@@ -104,6 +109,50 @@ def test_no_choice_of_the_schema_is_left_unchecked() -> None:
 
 def test_fields_of_recordings_are_among_the_gains() -> None:
     assert set(fields_file.FIELDS) <= set(model_file.GAINS)
+
+
+PAGE = Path(__file__).parents[2] / "docs/reference/model_file.md"
+
+
+def test_the_page_on_model_files_lists_every_key_of_the_schema() -> None:
+    metadata, gains = (
+        PAGE.read_text(encoding="utf-8").split("## Metadata")[1].split("| `gains.kind`")
+    )
+    rows = re.findall(r"^\| (`[^|]*) \|", metadata, re.MULTILINE)
+    keys = {key for row in rows for key in re.findall(r"`([a-z_]+)`", row)}
+    assert keys == set(SCHEMA["properties"])
+    for each in SCHEMA["properties"]["gains"]["oneOf"]:
+        assert f"| `{kind_in(each)}` |" in gains
+
+
+def test_files_with_a_residual_follow_the_schema() -> None:
+    bands = {"edges": np.array([20.0, 2e4]), "levels": np.ones(1), "decays": np.ones(1)}
+    residual = Residual(attack=np.ones(8, np.float32), sample_rate=48_000, lead=1e-4, **bands)
+    one = SinglePoint(outputs=np.ones(1, complex))
+    model = struck.ModalModel(
+        frequencies=np.array([440.0]),
+        natural_frequencies=np.array([440.0]),
+        decays=np.ones(1),
+        gains=one,
+        complete_to=0.0,
+        coordinates=(),
+        places={"recorded": np.zeros(0)},
+        residual=residual,
+    )
+    text = model_file._serialise(model)[0]
+    assert set(text["residual"]) == set(at("properties.residual.anyOf.1")["properties"])
+    assert complaints(text, SCHEMA, SCHEMA) == []
+    text["residual"]["sample_rate"] = 0.5
+    assert complaints(text, SCHEMA, SCHEMA)
+
+
+def test_modes_that_are_not_the_objects_are_listed_by_number() -> None:
+    details = SCHEMA["properties"]["provenance"]["properties"]["details"]
+    assert set(details["properties"]) == set(_OTHERS)
+    for kind in _OTHERS:
+        assert complaints({kind: [0, 3]}, details, SCHEMA) == []
+        assert complaints({kind: ["noise"]}, details, SCHEMA)
+        assert complaints({kind: [-1]}, details, SCHEMA)
 
 
 SHAPES = {

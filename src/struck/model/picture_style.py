@@ -32,7 +32,8 @@ def default_style() -> Iterator[None]:
     Raises
     ------
     FileFormatError
-        On a settings file that matplotlib cannot decode, which keeps it from being imported.
+        On a settings file that matplotlib cannot decode, or a backend that it does not know, which
+        keep it from being imported.
     """
     if _ACTIVE.get():
         yield
@@ -43,6 +44,12 @@ def default_style() -> Iterator[None]:
         raise FileFormatError(
             "matplotlib cannot decode its settings in a file matplotlibrc, in the current folder "
             "or among yours: rename it, or start in another folder"
+        ) from error
+    except ValueError as error:  # of a variable MPLBACKEND
+        reason = str(error).partition(";")[0]
+        raise FileFormatError(
+            f"matplotlib refuses the settings of its environment ({reason}): correct or unset the "
+            "variable MPLBACKEND"
         ) from error
     # A backend, once chosen, is not to be exchanged, and no picture here needs one.
     defaults: dict[Any, Any] = {
