@@ -30,7 +30,7 @@ export class Touch {
    * @returns {{id: string, face: number, point: number[]} | null} in the body's own coordinates
    */
   at(x, y) {
-    const found = this.#cast(x, y);
+    const found = this.#cast(x, y) ?? this.#tiny(x, y);
     if (found) return found;
     for (const radius of NEAR) {
       for (let turn = 0; turn < 8; turn += 1) {
@@ -38,6 +38,26 @@ export class Touch {
         const near = this.#cast(x + radius * Math.cos(angle), y + radius * Math.sin(angle));
         if (near) return near;
       }
+    }
+    return null;
+  }
+
+  /** Return the middle of a body by a pixel that is so small that the rays around it pass it by. */
+  #tiny(x, y) {
+    const { camera, canvas } = this.stage;
+    const most = NEAR.at(-1);
+    const scale = canvas.clientHeight / (2 * Math.tan(THREE.MathUtils.degToRad(camera.fov / 2)));
+    const bodies = [...this.solids.values()].map((solid) => {
+      const box = solid.box();
+      const middle = box.getCenter(new THREE.Vector3());
+      const size = (scale * box.getSize(new THREE.Vector3()).length()) / middle.distanceTo(camera.position);
+      const pixel = this.stage.project(middle);
+      return { id: solid.told.id, size, pixel, away: Math.hypot(pixel.x - x, pixel.y - y) };
+    });
+    const near = bodies.filter(({ size, pixel, away }) => size < most && pixel.front && away < most);
+    for (const { id, pixel } of near.sort((one, other) => one.away - other.away)) {
+      const hit = this.#cast(pixel.x, pixel.y);
+      if (hit?.id === id) return hit;
     }
     return null;
   }
