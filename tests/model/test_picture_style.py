@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import ast
+import builtins
 import io
 import threading
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -15,6 +17,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import struck
+from struck.errors import FileFormatError
 from struck.model.html import picture
 from struck.model.picture_style import default_style
 from struck.report import overview
@@ -51,6 +54,21 @@ def png(figure: Figure) -> bytes:
     data = io.BytesIO()
     figure.savefig(data, format="png")
     return data.getvalue()
+
+
+def test_an_unknown_backend_is_refused_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By matplotlib as it is imported, where a variable MPLBACKEND names one."""
+    plain = builtins.__import__
+
+    def refusing(name: str, *given: Any, **named: Any) -> Any:  # noqa: ANN401 - as its original
+        if name == "matplotlib":
+            raise ValueError("Key backend: 'nonsense' is not a valid value; supported are ['agg']")
+        return plain(name, *given, **named)
+
+    monkeypatch.setattr(builtins, "__import__", refusing)
+    refusal = pytest.raises(FileFormatError, match=r"value\): correct or unset .* MPLBACKEND$")
+    with refusal, default_style():
+        pass
 
 
 @pytest.mark.prove
