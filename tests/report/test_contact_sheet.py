@@ -122,6 +122,21 @@ def test_no_body_leaves_its_frame_and_floors_are_drawn(away: float) -> None:
     assert legend[2].startswith("floor: tiles of ")
 
 
+def test_ground_that_is_a_huge_box_leaves_what_moves_in_sight() -> None:
+    """As scene files without planes have it; times of a short scene keep apart."""
+    events = bouncing([0.02], [1.0], seconds=0.08)
+    ground = Body(model=RigidBody(geometry=cube(100.0)), position=(0.0, 0.0, -50.0))
+    events = replace(events, scene=Scene(bodies={**events.scene.bodies, "floor": ground}))
+    figure = contact_sheet(events, SILENCE, seconds=0.08)
+    panels = [axes for axes in figure.axes if axes.images and "s" in axes.get_title()]
+    titles = [axes.get_title().partition(" ")[0] for axes in panels]
+    assert len(set(titles)) == len(titles) > 2
+    for axes in panels:
+        (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+        assert right - left < 2.0
+        assert high - low < 2.0
+
+
 def test_nearer_surfaces_hide_farther_ones_whatever_their_size() -> None:
     """A small triangle over the corner of a large one, of which only the depth decides."""
     large = np.array([[[-9.0, -9, 0], [9, -9, 0], [0, 9, 0]]])

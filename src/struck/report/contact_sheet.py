@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -14,7 +15,7 @@ from struck.model.arrays import Array
 from struck.model.picture_style import in_default_style
 from struck.report.charts import FAINT, draw_spectrogram, plain, powers_in_time
 from struck.report.depth_image import GROUND, DepthImage
-from struck.report.scene_moments import moments_of
+from struck.report.scene_moments import MIN_SEPARATION, moments_of
 from struck.scene.animation import COLOURS, course_of, group_of
 from struck.scene.body import Body, RigidBody
 from struck.scene.events import Events
@@ -34,6 +35,9 @@ _WIDE = 420  # pixels of a frame
 _MIN_ASPECT, _MAX_ASPECT = 0.45, 1.3  # height of a frame over its width
 # Separate frames are drawn if most bodies need less than this fraction of the common one.
 _OWN_FRAME_FRACTION = 0.6
+# Length of a body that stays over the space of those that move: a larger one is ground, which is
+# cut off. Chosen by judgement: in a picture of such ground the others have 5 % of the width.
+_GROUND_RATIO = 20.0
 _TILES = 12.0  # across a frame, about
 _TILE_COLOURS = np.array([[0.95, 0.95, 0.94], [0.905, 0.905, 0.895]])
 _SHADOW = np.array([0.70, 0.70, 0.70])
@@ -51,7 +55,8 @@ _PALETTE = (
 def contact_sheet(events: Events, sound: Sound, *, seconds: float) -> Figure:
     """Draw a scene at the start, at its largest blows and between them, above its spectrogram.
 
-    Planes are drawn as tiled floors, and every body is within each picture.
+    Planes are drawn as tiled floors, and every body is within each picture, except the ground: a
+    body that stays where it is and is more than 20 times larger than the space of those that move.
 
     Parameters
     ----------
@@ -74,10 +79,12 @@ def contact_sheet(events: Events, sound: Sound, *, seconds: float) -> Figure:
     planes = [body for body in events.scene.bodies.values() if _is_plane(body)]
     view = _view()
     moments = moments_of(events, seconds)
-    boxes = np.array([_box(things, moment.time, view) for moment in moments])
+    framed = _select_framed(things, [moment.time for moment in moments])
+    boxes = np.array([_box(framed, moment.time, view) for moment in moments])
     windows = _windows(boxes)
     shape = float(np.ptp(windows[0], axis=0)[1] / np.ptp(windows[0], axis=0)[0])
     tile = _round(float(np.median(np.ptp(windows, axis=1)[:, 0])) / _TILES)
+    decimals = max(2, math.ceil(-math.log10(max(seconds, 1e-9) * MIN_SEPARATION)))
     column_count = min(_MAX_COLUMNS, len(moments))
     rows = -(-len(moments) // column_count)
     high = rows * (13 / _MAX_COLUMNS * shape + 0.4) + 0.6
@@ -92,7 +99,7 @@ def contact_sheet(events: Events, sound: Sound, *, seconds: float) -> Figure:
             _add_plane(image, plane, things, moment.time, view, tile)
         for number, thing in enumerate(things):
             thing.add(image, number, moment.time, view)
-        _show(axes, image, window, f"{moment.time:.2f} s", moment.caption)
+        _show(axes, image, window, f"{moment.time:.{decimals}f} s", moment.caption)
     for axes in panels[len(moments) :]:
         axes.set_axis_off()
     _explain(upper, things, planes, tile)
@@ -173,6 +180,19 @@ def _view() -> Array:
     right = np.cross([0.0, 0.0, 1.0], toward)
     right /= np.linalg.norm(right)
     return np.stack([right, np.cross(toward, right), toward])
+
+
+def _select_framed(things: Sequence[_Thing], times: Sequence[float]) -> list[_Thing]:
+    """Return the bodies that the pictures hold whole: without ground that hides their scale."""
+    moving = [thing for thing in things if thing.body.moves] or list(things)
+    points = [thing.corners_at(time).reshape(-1, 3) for thing in moving for time in times]
+    reach = float(np.ptp(np.concatenate(points), axis=0).max())
+    return [
+        thing
+        for thing in things
+        if thing.body.moves
+        or float(np.ptp(thing.corners.reshape(-1, 3), axis=0).max()) <= _GROUND_RATIO * reach
+    ]
 
 
 def _box(things: Sequence[_Thing], time: float, view: Array) -> Array:

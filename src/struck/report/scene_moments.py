@@ -15,7 +15,7 @@ from struck.scene.events import Events
 
 MOST = 12  # moments
 _BLOWS = 8  # of them that show a blow, at most
-_MIN_SEPARATION = 1 / 40  # of the duration: blows nearer than that share a picture
+MIN_SEPARATION = 1 / 40  # of the duration: blows nearer than that share a picture
 _SAMPLE_COUNT = 241  # times at which motion is measured
 # Fraction of the path of the body that moves most: less between two pictures shows nothing new.
 _MIN_PATH_FRACTION = 0.05
@@ -41,7 +41,7 @@ def moments_of(events: Events, seconds: float) -> list[Moment]:
     captions: dict[float, str] = {}
     for time, caption in _blows(events):
         gap = min((abs(time - other) for other in captions), default=np.inf)
-        if len(captions) < _BLOWS and 0 <= time <= seconds and gap >= _MIN_SEPARATION * seconds:
+        if len(captions) < _BLOWS and 0 <= time <= seconds and gap >= MIN_SEPARATION * seconds:
             captions[time] = caption
     captions.setdefault(0.0, "start")
     times = sorted(captions)
@@ -77,7 +77,7 @@ def _between(
         else:
             middle = np.interp(times[number], sample_times, path_lengths) + gaps[number] / 2
             time = float(np.interp(middle, path_lengths, sample_times))
-        if min(abs(time - other) for other in times) >= _MIN_SEPARATION * end:
+        if min(abs(time - other) for other in times) >= MIN_SEPARATION * end:
             return time
     return None
 
