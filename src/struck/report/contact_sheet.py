@@ -81,7 +81,9 @@ def contact_sheet(events: Events, sound: Sound, *, seconds: float) -> Figure:
     moments = moments_of(events, seconds)
     framed = _select_framed(things, [moment.time for moment in moments])
     boxes = np.array([_box(framed, moment.time, view) for moment in moments])
-    windows = _windows(boxes)
+    # Before ground of one colour, motion is seen against the frame alone.
+    is_steady = len(framed) < len(things) and not planes and all(t.body.moves for t in framed)
+    windows = _windows(boxes, is_common=is_steady)
     shape = float(np.ptp(windows[0], axis=0)[1] / np.ptp(windows[0], axis=0)[0])
     tile = _round(float(np.median(np.ptp(windows, axis=1)[:, 0])) / _TILES)
     decimals = max(2, math.ceil(-math.log10(max(seconds, 1e-9) * MIN_SEPARATION)))
@@ -205,14 +207,16 @@ def _box(things: Sequence[_Thing], time: float, view: Array) -> Array:
     return np.stack([low, high])
 
 
-def _windows(boxes: Array) -> Array:
+def _windows(boxes: Array, *, is_common: bool) -> Array:
     """Return the corners of each picture (N, 2, 2), all of one shape, about its bodies.
 
-    It is the same for all, unless a body that goes far away makes most of them small by that.
+    It is the same for all, unless a body that goes far away makes most of them small by that, and
+    `is_common` does not ask for one.
     """
     common_box = np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
     sizes = np.ptp(boxes, axis=1)
-    if np.median(sizes.max(axis=1)) > _OWN_FRAME_FRACTION * np.ptp(common_box, axis=0).max():
+    least = _OWN_FRAME_FRACTION * np.ptp(common_box, axis=0).max()
+    if is_common or np.median(sizes.max(axis=1)) > least:
         boxes = np.repeat(common_box[None], len(boxes), axis=0)
     sizes = np.ptp(boxes, axis=1)
     sizes = sizes + 2 * _MARGIN * sizes.max(axis=1, keepdims=True)
