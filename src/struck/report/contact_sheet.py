@@ -215,8 +215,8 @@ def _windows(boxes: Array, *, is_common: bool) -> Array:
     """
     common_box = np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
     sizes = np.ptp(boxes, axis=1)
-    least = _OWN_FRAME_FRACTION * np.ptp(common_box, axis=0).max()
-    if is_common or np.median(sizes.max(axis=1)) > least:
+    min_size = _OWN_FRAME_FRACTION * np.ptp(common_box, axis=0).max()
+    if is_common or np.median(sizes.max(axis=1)) > min_size:
         boxes = np.repeat(common_box[None], len(boxes), axis=0)
     sizes = np.ptp(boxes, axis=1)
     sizes = sizes + 2 * _MARGIN * sizes.max(axis=1, keepdims=True)
