@@ -211,7 +211,7 @@ def _windows(boxes: Array, *, is_common: bool) -> Array:
     """Return the corners of each picture (N, 2, 2), all of one shape, about its bodies.
 
     It is the same for all, unless a body that goes far away makes most of them small by that, and
-    `is_common` does not ask for one.
+    `is_common` is false.
     """
     common_box = np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
     sizes = np.ptp(boxes, axis=1)
