@@ -255,7 +255,7 @@ def _suggest_option(parser: argparse.ArgumentParser, command: str, name: str) ->
     suggestion = nearest(name, known, "--{}", spelling=False)
     if suggestion:
         return suggestion
-    other_options = {name: _list_options(name) for name in COMMANDS if name != command}
+    other_options = {other: _list_options(other) for other in COMMANDS if other != command}
     for other, options in other_options.items():
         if name in options:
             return f"--{name} is an option of struck {other}: "
