@@ -39,7 +39,7 @@ def opened_anew() -> Iterator[None]:
 
 def test_an_unknown_choice_is_refused_with_those_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("STRUCK_CORE", "v9")
-    with pytest.raises(OptionError, match=r"'v9': .* give one of v2, v3, v4, off"):
+    with pytest.raises(OptionError, match=r"'v9': give one of v2, v3, v4, off"):
         binding.library()
 
 
