@@ -59,6 +59,16 @@ def test_every_mutant_changes_one_place() -> None:
         holder(mutant)
 
 
+def test_tests_of_mutants_exist() -> None:
+    tests = {test.partition("[")[0] for mutant in MUTANTS for test in mutant["tests"]}
+    missing = []
+    for test in sorted(tests):
+        name, _, function = test.partition("::")
+        text = (ROOT / name).read_text(encoding="utf-8") if (ROOT / name).is_file() else ""
+        missing += [] if f"def {function}" in text else [test]
+    assert not missing
+
+
 @pytest.mark.prove
 @pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant["name"])
 def test_mutant_is_caught(mutant: dict[str, Any], tmp_path: Path) -> None:
