@@ -85,6 +85,7 @@ def collected(folder: Path, *options: str) -> tuple[int, list[str]]:
     return int(code), names
 
 
+@pytest.mark.prove
 def test_parts_hold_the_untimed_proofs_once(tests_of_three_kinds: Path) -> None:
     untimed = ("-m", "prove and not timed")
     _, proofs = collected(tests_of_three_kinds, *untimed)
@@ -95,6 +96,7 @@ def test_parts_hold_the_untimed_proofs_once(tests_of_three_kinds: Path) -> None:
     assert collected(tests_of_three_kinds, *untimed, "--part", "2/4") == parts[1]
 
 
+@pytest.mark.prove
 def test_one_name_is_in_one_part(tests_of_three_kinds: Path) -> None:
     options = ("-m", "prove and not timed", "-k", "proof_7")
     parts = [collected(tests_of_three_kinds, *options, "--part", f"{k}/4") for k in range(1, 5)]

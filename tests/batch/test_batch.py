@@ -199,6 +199,7 @@ def test_control_c_ends_within_a_second_and_kills_leave_whole_files_alone(
 NUMBERS = ("first", "second", "fourth")
 
 
+@pytest.mark.prove
 def test_tables_tell_options_of_single_files(tmp_path: Path) -> None:
     bar(tmp_path / "a.vtu", 8, 1, 1)
     table = tmp_path / "objects.csv"

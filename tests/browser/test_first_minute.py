@@ -69,6 +69,7 @@ def test_first_of_the_list_is_chosen_though_it_comes_last(
     visit.context.close()
 
 
+@pytest.mark.prove
 def test_object_that_is_not_there_yet_leaves_something_to_read_and_click(browser: Browser) -> None:
     string = next(thing for thing in things() if thing.name == "string")
     with Explorer() as explorer:

@@ -81,7 +81,7 @@ CASES: Mapping[str, Case] = {
     ),
     "sound-map": Case("bar.struck --threshold 6 -o made.png", ("made.png",)),
     "play": Case("bar.struck --seconds 0.2 --device none", code=2),
-    "explore": Case("--objects string --no-browser", default=True),
+    "explore": Case("--objects string --no-browser"),
     "record": Case("plan.toml -o made --simulate takes", ("made/manifest.toml",)),
     "fit": Case("tap.wav -o made.struck --report made.html", ("made.struck", "made.html")),
     "compare": Case("bar.struck tap.wav -o made.html", ("made.html",)),
@@ -92,7 +92,7 @@ CASES: Mapping[str, Case] = {
         "--lowest 587.33 --accuracy preview"
     ),
     "materials": Case("", default=True),
-    "cache": Case(""),
+    "cache": Case("", default=True),
     "demo": Case("--out made --pieces string", ("made/index.html", "made/string.png")),
 }
 

@@ -94,6 +94,7 @@ SAMPLED = ("plate", "preview")
 LIMITS = {"preview": 0.03, "standard": 0.005, "fine": 0.0015}
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize(
     ("name", "accuracy"),
     [

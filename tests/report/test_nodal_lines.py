@@ -159,6 +159,7 @@ def test_a_string_shows_its_nodes_and_not_its_ends() -> None:
     assert {*lines[..., 0].ravel()} == {4.0}
 
 
+@pytest.mark.prove
 def test_the_shell_draws_nodal_lines(tmp_path: Path) -> None:
     membrane = RectangularMembrane(length=0.3, width=0.3, thickness=1e-4, tension=30_000.0)
     struck.save(struck.analyze(membrane, "steel", band=(20, 1500)), tmp_path / "a.struck")

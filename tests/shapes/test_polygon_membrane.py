@@ -129,6 +129,7 @@ def test_forms_solve_the_wave_equation(name: str, request: pytest.FixtureRequest
     assert mean == pytest.approx(expected, abs=1e-10)
 
 
+@pytest.mark.prove
 @each_vibration
 def test_forms_vanish_along_the_edges_as_stated(name: str, request: pytest.FixtureRequest) -> None:
     vibration: Vibration = request.getfixturevalue(name)

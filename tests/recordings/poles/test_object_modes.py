@@ -69,11 +69,7 @@ CASES: dict[str, dict[str, Any]] = {
 }
 # Not met yet: ten modes of a push of 3 ms count as the object's.
 OPEN = {"3 ms": [pytest.mark.xfail(strict=True, reason="false modes of a long push are left")]}
-PROVEN = [
-    pytest.param(each, marks=[pytest.mark.prove, *OPEN.get(each, [])])
-    for each in CASES
-    if each != "felt"
-]
+PROVEN = [pytest.param(each, marks=[pytest.mark.prove, *OPEN.get(each, [])]) for each in CASES]
 
 
 def test_all_modes_of_an_ideal_blow_are_known_and_no_other(bar: ModalModel, tmp_path: Path) -> None:
@@ -82,7 +78,7 @@ def test_all_modes_of_an_ideal_blow_are_known_and_no_other(bar: ModalModel, tmp_
     require_object_alone(bar, fitted)
 
 
-@pytest.mark.parametrize("case", ["felt", *PROVEN])
+@pytest.mark.parametrize("case", PROVEN)
 def test_every_mode_of_a_bar_is_found_and_no_other(
     bar: ModalModel, case: str, tmp_path: Path
 ) -> None:
@@ -156,6 +152,7 @@ def test_hardly_any_mode_of_a_damped_bar_is_of_the_blow(material: str, tmp_path:
     assert clear == fitting
 
 
+@pytest.mark.prove
 def test_shell_page_and_python_count_alike(
     bar: ModalModel, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -130,6 +130,7 @@ assert agrees("auto")
 """
 
 
+@pytest.mark.prove
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
 @pytest.mark.parametrize("threads", ["1", pytest.param("2", marks=pytest.mark.prove)])
 def test_forked_processes_find_the_modes_that_their_parent_found(threads: str) -> None:

@@ -48,6 +48,7 @@ def test_its_volume_is_where_the_winding_number_exceeds_one_half(solid: Repair) 
     assert "4 patches" in solid.faults[-1]
 
 
+@pytest.mark.prove
 def test_handle_spout_and_lid_stay(solid: Repair) -> None:
     filling = fill_body(FilledBody(mesh=solid.mesh), "preview")
     assert filling.volume_error == pytest.approx(0, abs=0.005)
