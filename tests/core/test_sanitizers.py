@@ -20,7 +20,7 @@ pytestmark = pytest.mark.prove
 ROOT = Path(__file__).parents[2]
 CALLS, SEEDS = 10_000, 150
 FOUND = ("runtime error", "Sanitizer")
-TESTS = ("tests/core", "tests/ears/test_delay_lines.py", "tests/live/test_callback.py",
+TESTS = ("tests/core", "tests/ears/test_delay_lines.py", "tests/live/test_callback_memory.py",
          "tests/live/test_ring.py", "tests/synth/test_resonators.py")  # fmt: skip
 PROBE = """
 typedef double two __attribute__((vector_size(16)));

@@ -183,7 +183,9 @@ def default_blows(model: _Model, points: Array, ways: Array) -> tuple[Array, Arr
     if not (model.supported or model.mass is None or model.centre is None or model.inertia is None):
         torques = np.cross(points - model.centre, ways)
         angular_responses = np.linalg.solve(model.inertia, torques.T).T
-        lightness += 1 / model.mass + np.einsum("kd,kd->k", torques, angular_responses)
+        # The inertia of a damaged file may be that of no body, and rotation would then take away.
+        rotation = np.maximum(np.einsum("kd,kd->k", torques, angular_responses), 0.0)
+        lightness += 1 / model.mass + rotation
     softness, body = 1 / _HEAD_MODULUS, model.material
     if body is not None:
         softness += (1 - body.poisson_ratio**2) / body.youngs_modulus
