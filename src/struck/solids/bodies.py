@@ -97,12 +97,12 @@ class Extrusion:
 
     @property
     def volume(self) -> float:
-        """Volume of the block, m^3."""
+        """Volume of the extrusion, m^3."""
         return self._area * self.height
 
     @property
     def places(self) -> Mapping[str, Array]:
-        """Contacts on the block by name, m.
+        """Contacts on the extrusion by name, m.
 
         "top" and "bottom": the deepest points of these faces; "corner": on the top face, 1 % of the
         extent inside the corner farthest out; "side": the middle of the longest edge's face.
@@ -326,7 +326,7 @@ class Block:
 
     @property
     def volume(self) -> float:
-        """Volume of the extrusion, m^3."""
+        """Volume of the block, m^3."""
         return float(np.prod(self.size))
 
     @property
