@@ -63,15 +63,15 @@ def main() -> None:
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # libraries print elsewhere
     while size := _read(8):
-        asked = _read(int.from_bytes(size, "little"))
+        request = _read(int.from_bytes(size, "little"))
         if not hasattr(os, "fork"):
-            _answer(asked, answers)
+            _answer(request, answers)
             _tell(answers, ended=0)
             continue
         child = os.fork()
         if not child:
             try:
-                _answer(asked, answers)
+                _answer(request, answers)
             except BaseException:  # noqa: BLE001 - this fork must end on any error
                 os._exit(1)
             os._exit(0)
@@ -91,9 +91,9 @@ def _tell(answers: IO[str], **message: object) -> None:
     answers.flush()
 
 
-def _answer(asked: bytes, answers: IO[str]) -> None:
+def _answer(request: bytes, answers: IO[str]) -> None:
     """Do the job that a pickle of (job, folder, memory) holds, and write its facts to `answers`."""
-    job, folder, memory = pickle.loads(asked)  # noqa: S301 - from who started this process
+    job, folder, memory = pickle.loads(request)  # noqa: S301 - from who started this process
     allowed = threading.Event()
     threading.Thread(target=_listen, args=(allowed,), daemon=True).start()
     _confine(memory)
