@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 from collections import Counter
@@ -103,6 +104,13 @@ def pytest_collection_finish(session: pytest.Session) -> None:
         return -seconds, not nodeid.startswith(_FIRST), not nodeid.startswith(_LONG), -counts[group]
 
     session.items.sort(key=order)
+    # What was imported and collected stays: no garbage collection has to walk through it again.
+    gc.collect()
+    gc.freeze()
+
+
+def pytest_sessionfinish() -> None:
+    gc.unfreeze()
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -506,6 +506,7 @@ def test_what_a_model_keeps_of_a_recording_is_told(
     assert f"residual  attack of 0.05 s, and noise after it: {rest.size / 1000:.0f} kB" in told
 
 
+@pytest.mark.prove
 def test_few_pairs_of_two_designs_are_told_to_say_little(folder: Path) -> None:
     made = struck.load(folder / "b.struck")
     stiff = struck.analyze(Bar(length=0.1, width=0.03, thickness=0.005), "steel")
@@ -728,6 +729,7 @@ def test_a_folder_closed_to_writing_is_named(folder: Path) -> None:
         assert not list(closed.iterdir())
 
 
+@pytest.mark.prove
 def test_a_list_into_a_closed_pipe_is_no_traceback() -> None:
     line = f"{sys.executable} -m struck analyze --list | true"
     done = subprocess.run(["/bin/sh", "-c", line], capture_output=True, text=True, check=False)

@@ -102,6 +102,7 @@ def test_what_a_person_has_set_stays(chosen: str) -> None:
     assert blas_kernels(ZEN_5, {"OPENBLAS_CORETYPE": chosen}) is None
 
 
+@pytest.mark.prove
 def test_importing_never_changes_the_environment() -> None:
     program = (
         "import os; before = dict(os.environ); import struck; struck.analyze; "

@@ -18,6 +18,7 @@ import pytest
 import trimesh
 
 import struck
+from tests.samples import sampled
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "src/struck"
@@ -186,7 +187,7 @@ def some_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("work", LOADED)
+@pytest.mark.parametrize("work", sampled(LOADED, "a mesh analyzed", "a loaded model struck"))
 def test_work_loads_no_more_modules_than_it_needs(work: str, some_files: Path) -> None:
     measured, what = LOADED[work]
     mine = "[name for name in sys.modules if name.partition('.')[0] == 'struck']"

@@ -101,6 +101,7 @@ def test_the_papers_elements_are_stiffer() -> None:
     assert "O'Brien" not in ours.cite()
 
 
+@pytest.mark.prove
 def test_what_is_cited_is_what_was_used(bar: struck.ModalModel, box: struck.ModalModel) -> None:
     assert "Isosurface stuffing" in box.cite()
     assert "Isosurface stuffing" not in bar.cite()

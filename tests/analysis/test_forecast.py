@@ -32,7 +32,11 @@ def forecast(solid: trimesh.Trimesh, material: Material = STEEL) -> Forecast:
 @pytest.mark.parametrize(
     ("plate", "highest"),
     [
-        (RectangularPlate(length=0.4, width=0.3, thickness=0.003, edges="free"), 20_000.0),
+        pytest.param(
+            RectangularPlate(length=0.4, width=0.3, thickness=0.003, edges="free"),
+            20_000.0,
+            marks=pytest.mark.prove,
+        ),
         (CircularPlate(radius=0.15, thickness=0.002, edge="free"), 20_000.0),
         (CircularPlate(radius=0.5, thickness=0.002, edge="free"), 5_000.0),
     ],

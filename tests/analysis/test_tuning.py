@@ -75,6 +75,7 @@ def test_a_shape_twists_as_its_solid() -> None:
     assert speed / (2 * 0.3) == pytest.approx(3000.0, rel=0.03)
 
 
+@pytest.mark.prove
 def test_a_pair_of_one_frequency_is_one_of_its_family() -> None:
     second = tune(TUBE, STEEL, vary="length", frequency=2000.0, mode="bending 2")
     third = tune(TUBE, STEEL, vary="length", frequency=2000.0, mode=3)
@@ -163,6 +164,7 @@ def test_several_notes_are_refused_with_a_way_out(notes: object) -> None:
         tune(SLENDER, STEEL, vary="length", lowest=notes)
 
 
+@pytest.mark.prove
 def test_rounding_in_the_elements_refuses_no_tuning() -> None:
     """Frequencies of a long tube differ by 1e-5 where its lengths hardly do."""
     tube = Tube(length=3.9, radius=0.0125, wall=0.001, elements=(8, 12, 1))
@@ -233,6 +235,7 @@ def test_bodies_without_families_are_tuned_by_number(body: object, vary: str) ->
             )
 
 
+@pytest.mark.prove
 def test_turned_rods_have_families_and_hinged_bars_bend() -> None:
     def rod(length: float = 0.3) -> Revolution:
         return Revolution(profile=[(0.01, 0), (0.01, length)], smooth=False, elements=(8, 12, 1))

@@ -111,6 +111,7 @@ def test_one_polite_status_names_the_chosen_object_and_the_blow(
     visit.context.close()
 
 
+@pytest.mark.prove
 def test_one_ear_sounds_until_the_measured_head_is_ready(
     browser: Browser, explorer: Explorer
 ) -> None:

@@ -72,6 +72,7 @@ def explorer(coarse: struck.ModalModel) -> Iterator[Explorer]:
         yield room
 
 
+@pytest.mark.prove
 def test_files_that_cannot_be_read_coarse_meshes_and_a_lost_server_are_made_up_for(
     browser: Browser, explorer: Explorer, coarse: struck.ModalModel
 ) -> None:

@@ -90,6 +90,7 @@ def test_click_on_a_pixel_gives_the_gains_of_python(
     visit.wait("struck.report?.ringing > 0")
 
 
+@pytest.mark.prove
 def test_press_that_stays_damps_until_it_ends(
     visit: Visit, models: dict[str, struck.ModalModel]
 ) -> None:

@@ -50,6 +50,7 @@ def pot(recorded: Path, tmp_path: Path) -> Path:
     return shutil.copytree(recorded, tmp_path, dirs_exist_ok=True)
 
 
+@pytest.mark.prove
 def test_a_plate_is_found_to_be_what_it_is(pot: Path, capsys: pytest.CaptureFixture[str]) -> None:
     taps = [str(pot / "tap0.wav"), str(pot / "tap1.wav")]
     corrected = pot / "real.struck"

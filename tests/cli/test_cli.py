@@ -102,6 +102,7 @@ def test_json_tells_the_same_as_the_model_file(capsys: pytest.CaptureFixture[str
     assert all(0 < error < 0.25 for error in told["errors"])
 
 
+@pytest.mark.prove
 @pytest.mark.usefixtures("tube")
 def test_strikes_at_times_and_points_add_up() -> None:
     common = ["--impulse", "0.01", "--seconds", "0.3", "--level", "absolute"]

@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
@@ -27,12 +28,6 @@ from tests.recordings.hits import LEAD_IN, SECONDS, hit, write
 
 PACKAGE = Path(struck.__file__).parent
 SCRIPT = Path(sys.executable).with_name("struck.exe" if os.name == "nt" else "struck")
-# Names of modules: those that Python and its start look for, and all that are installed.
-NAMES = sorted(
-    {"struck", "sitecustomize", "usercustomize"}
-    | {name for name in sys.stdlib_module_names if name[0] != "_"}
-    | {name for name in packages_distributions() if name.isidentifier() and name[0] != "_"}
-)
 HOSTILE_STYLE = b"""\
 text.usetex: True
 backend: nonsense
@@ -125,10 +120,20 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@cache
+def module_names() -> list[str]:
+    """Return names of modules: those that Python and its start look for, and all installed."""
+    names = {"struck", "sitecustomize", "usercustomize"}
+    names |= {
+        name for name in {*sys.stdlib_module_names, *packages_distributions()} if name[0] != "_"
+    }
+    return sorted(name for name in names if name.isidentifier())
+
+
 def hostile(folder: Path, inputs: Path, style: bytes) -> Path:
     """Fill a folder with the inputs, with modules that say they ran, and settings."""
     shutil.copytree(inputs, folder)
-    for number, name in enumerate(NAMES):
+    for number, name in enumerate(module_names()):
         place = folder / f"{name}.py"
         if number % 3 == 0 or name == "struck":
             (folder / name).mkdir()
@@ -196,7 +201,7 @@ def require_as_usual(name: str, folder: Path) -> None:
 
 def test_each_command_has_a_case() -> None:
     assert commands() == set(COMMANDS) == set(CASES)
-    assert len(NAMES) > 40
+    assert len(module_names()) > 40
 
 
 @pytest.mark.parametrize(

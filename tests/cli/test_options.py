@@ -271,6 +271,7 @@ def test_both_sides_of_a_comparison_are_struck_alike(
     assert durations["felt"] > 2 * durations["steel"]
 
 
+@pytest.mark.prove
 def test_pairs_by_chance_are_told(bar: str) -> None:
     model = struck.load(bar)
     strip = Bar(length=0.37, width=0.02, thickness=0.004, ends=("clamped", "free"))

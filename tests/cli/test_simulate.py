@@ -35,6 +35,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.prove
 def test_stems_add_up_to_the_sound(folder: Path) -> None:
     whole, rate = soundfile.read(folder / "out.wav")
     parts = [soundfile.read(folder / f"out.{name}.wav")[0] for name in ("tile", "shelf")]

@@ -23,6 +23,7 @@ def test_a_disc_weakens_each_wave_as_a_bessel_function() -> None:
         assert drive(plate(), contact, radius=radius) == pytest.approx(mean, abs=0.01)
 
 
+@pytest.mark.prove
 def test_a_point_is_the_shape_there() -> None:
     contact = plate().contact((0.05, 0.03, SIZE[2] / 2), (0, 0, -1))
     expected = plate().gains.at(contact.point[None], contact.direction[None])[0, 0]

@@ -86,6 +86,7 @@ def test_the_roller_comes_round_and_nothing_else_does() -> None:
     assert np.abs(other.heights(ways) - ball.heights(ways)).max() > 1e-6
 
 
+@pytest.mark.prove
 def test_rolling_repeats_with_the_wheel_alone() -> None:
     """A smooth wheel on a rough plane has no period, a rough one on a smooth plane its own."""
     ways = np.arange(1, 1 << 18) * (0.5 / RATE)

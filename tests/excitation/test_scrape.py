@@ -160,6 +160,7 @@ def test_the_force_never_pulls(roughness: str) -> None:
     assert abs(signal[4800:].mean()) < 0.1 * signal.std()
 
 
+@pytest.mark.prove
 def test_a_flat_spot_comes_round_with_every_turn() -> None:
     mirror = Roughness(rms=1e-12, correlation_length=1e-3)
     for radius, speed in ((0.01, 0.3), (0.025, 0.8)):

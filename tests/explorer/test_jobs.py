@@ -136,6 +136,7 @@ def test_object_that_fails_says_why(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "wall= applies to surfaces" in capsys.readouterr().err
 
 
+@pytest.mark.prove
 def test_facts_of_a_recording_name_no_place_on_it() -> None:
     thing = next(thing for thing in things() if thing.name == "tabla")
     told = facts(thing.make(lambda _stage, _fraction: None))

@@ -41,6 +41,7 @@ def test_models_gains_and_strikes_are_those_of_python(tmp_path: Path) -> None:
     node("models.test.mjs", tmp_path)
 
 
+@pytest.mark.prove
 def test_resonators_ears_and_limiter_are_those_of_python(tmp_path: Path) -> None:
     golden.write_sounds(tmp_path)
     shutil.copy(LIBRARIES / "core.wasm", tmp_path)

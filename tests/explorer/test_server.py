@@ -311,6 +311,7 @@ def test_browser_opens_where_there_is_a_display(
         explorer.open_in_browser()
 
 
+@pytest.mark.prove
 def test_a_place_without_a_name_is_numbered_as_others_are(bar: struck.ModalModel) -> None:
     assert bar.geometry is not None
     nameless = replace(bar, places={"": bar.geometry.points[0]}, playing_place=None)

@@ -179,6 +179,7 @@ def test_killed_reader_is_replaced(guard: Guard, tetrahedron: Path) -> None:
     assert guard.process_id != first
 
 
+@pytest.mark.prove
 @linux
 def test_fork_gets_a_reader_of_its_own(tetrahedron: Path) -> None:
     """In a process of one thread: pytest's own may have more, and then Python warns of forks."""
@@ -306,6 +307,7 @@ def test_reader_that_fails(tetrahedron: Path, program: str, message: str) -> Non
     assert guard.process_id is None
 
 
+@pytest.mark.prove
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="no timer of processor time here")
 def test_the_time_of_a_reader_is_what_it_has_worked_and_not_what_others_have(
     tetrahedron: Path, tmp_path: Path
@@ -508,6 +510,7 @@ def test_packed_mesh(tmp_path: Path, packing: str) -> None:
     assert "empty once unpacked" in refused_by_all(saved(path, pack(b"")))
 
 
+@pytest.mark.prove
 def test_zipped_mesh_among_other_things(tmp_path: Path) -> None:
     members = {
         "cup/": b"",

@@ -21,6 +21,7 @@ from struck.scene.body import Body, Scene
 from tests.live.hand import BLOCK, HandPlayer, Make, ball, by_hand
 from tests.live.test_player import LATE, OPENED, decibels
 from tests.radiation.sources import RADIUS, radiating_ball
+from tests.samples import sampled
 from tests.scene.test_mixing import sided
 
 __all__ = ["by_hand"]
@@ -154,7 +155,7 @@ FIELD_EARS = {
 }
 
 
-@pytest.mark.parametrize("name", FIELD_EARS)
+@pytest.mark.parametrize("name", sampled(FIELD_EARS, "ball", "bare ears", "mono"))
 def test_a_field_is_played_as_it_is_rendered(by_hand: Make, name: str) -> None:
     listener, turned = FIELD_EARS[name], (0.8, 0, 0, 0.6)
     plain = Body(model=ball(), position=(0, 0, -3.0))

@@ -26,6 +26,7 @@ from struck.scene.events import events_of
 from tests.live.hand import BLOCK, RATE, HandPlayer, Make, ball, by_hand
 from tests.live.test_ears import both
 from tests.live.test_player import LATE, OPENED, decibels
+from tests.samples import sampled
 
 __all__ = ["by_hand"]
 Array = NDArray[np.float64]
@@ -103,7 +104,7 @@ def expected(scene: Scene, contacts: Contacts, listener: object) -> Array:
 
 
 @pytest.mark.parametrize("listener", [EAR, EARS], ids=["mono", "two ears"])
-@pytest.mark.parametrize("length", [0.05, 0.09])
+@pytest.mark.parametrize("length", sampled([0.05, 0.09], 0.05))
 def test_a_log_told_in_pieces_sounds_as_the_render(
     by_hand: Make, listener: Mono | Stereo, length: float
 ) -> None:

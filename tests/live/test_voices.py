@@ -151,6 +151,7 @@ def test_a_touch_may_begin_while_a_body_changes(
     assert player._host.notes(0, 2)
 
 
+@pytest.mark.prove
 def test_hands_from_several_threads_do_not_disturb_each_other(by_hand: Make) -> None:
     model, failures = ball(5), []
     player = by_hand(model)

@@ -77,6 +77,7 @@ def apart(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.sqrt(np.mean(np.abs(one - other) ** 2, axis=0) / np.mean(np.abs(other) ** 2, axis=0))
 
 
+@pytest.mark.prove
 def test_a_scaled_field_is_a_larger_bodys_own(
     block: struck.ModalModel, sounding: struck.ModalModel
 ) -> None:

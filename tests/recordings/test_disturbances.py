@@ -56,6 +56,7 @@ def test_a_ringing_object_is_no_hum() -> None:
     assert tones.size == 0
 
 
+@pytest.mark.prove
 def test_hum_alone_is_not_modal() -> None:
     times = np.arange(2 * RATE) / RATE
     hum = sum(np.sin(2 * np.pi * 50 * k * times + k) / k for k in range(1, 9))
@@ -63,6 +64,7 @@ def test_hum_alone_is_not_modal() -> None:
     assert not fit_poles(Take(samples=0.2 * hum + noise, sample_rate=RATE)).verdict.modal
 
 
+@pytest.mark.prove
 def test_no_name_is_given_twice() -> None:
     heard = scene(20, 30, np.random.default_rng(5), fan=True, seconds=1.0)
     fit = fit_poles(Take(samples=heard.samples, sample_rate=RATE), budget=32)

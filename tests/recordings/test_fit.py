@@ -104,6 +104,7 @@ def test_contacts_between_those_that_were_struck(bar: Fitting) -> None:
     assert decibels(heard(model.gains, CONTACTS, bar.lead), gains(CONTACTS)) < -35
 
 
+@pytest.mark.prove
 def test_without_listeners_a_round_body_is_heard_alike_all_around() -> None:
     around = np.array([[0.5, 0, 0], [0, 0.5, 0], [-0.3, 0.4, 0], [0, 0.3, 0.4]])
     made = fitting([hit(0.05), hit(0.3, seed=1)], contacts=[0.05, 0.3], symmetry="axial")
@@ -120,6 +121,7 @@ def test_the_default_contact_is_one_that_was_struck(bar: Fitting) -> None:
     assert np.isfinite(struck.render(bar.model, Strike(), seconds=0.2).samples).all()
 
 
+@pytest.mark.prove
 def test_moments_of_hits_are_told_by_the_fit_in_noise() -> None:
     """At 20 dB the steepest rise is off by samples; drives that are real put it right."""
     takes = [
@@ -151,6 +153,7 @@ def test_hits_of_one_contact_are_brought_to_one_strength() -> None:
     )
 
 
+@pytest.mark.prove
 def test_levels_of_takes_without_places_are_noted_where_they_differ() -> None:
     """Half and a fifth of the first's level, by distance or by the blow; 1 dB is not noted."""
     first = hit(0.05)
@@ -161,6 +164,7 @@ def test_levels_of_takes_without_places_are_noted_where_they_differ() -> None:
     assert not any("levels" in each for each in fitting([first, near]).model.provenance.dropped)
 
 
+@pytest.mark.prove
 def test_a_clipped_hit_among_good_ones_does_no_harm() -> None:
     """Its fit begins late, when fast modes have gone: there the others count."""
     loud = 30 * ringing(gains(np.array(0.05))[0], onset=ONSET + 1.5, seconds=3.0)
@@ -173,6 +177,7 @@ def test_a_clipped_hit_among_good_ones_does_no_harm() -> None:
     )
 
 
+@pytest.mark.prove
 def test_a_second_hit_keeps_its_own_moment_among_triggered_takes() -> None:
     places = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0], [-1.0, 0, 0], [0, -1.0, 0]])
     several = ringing(gains(np.array(0.4))[0], seconds=3.0) + ringing(
@@ -250,6 +255,7 @@ def hissing() -> tuple[Take, Fitting, Fitting]:
     return recorded, fitting(recorded, residual=True), fitting(recorded, residual=False)
 
 
+@pytest.mark.prove
 def test_what_modes_leave_is_played_with_a_strike(hissing: tuple[Take, Fitting, Fitting]) -> None:
     """With what is beside the modes the strike is the recording again."""
     recorded, made, bare = hissing

@@ -127,6 +127,7 @@ UNCLEAR = pytest.mark.xfail(
 SECOND = [pytest.param(2), *(pytest.param(seed, marks=pytest.mark.prove) for seed in (0, 3, 4))]
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize("seed", [*SECOND, pytest.param(1, marks=(pytest.mark.prove, UNCLEAR))])
 def test_a_coder_of_128_kilobits_makes_few_modes(seed: int) -> None:
     found = through_a_coder(128, seed)
@@ -218,6 +219,7 @@ def covered(heard: Scene, fit: PoleFit) -> float:
     return float(np.mean(off < 2 * fit.decay_errors[columns]))
 
 
+@pytest.mark.prove
 def test_gain_that_the_noise_hardly_tells_is_refused() -> None:
     """A hit that is cut off after 0.3 s: too short to average the noise."""
     heard = phone(1)

@@ -41,6 +41,7 @@ def missed_and_false(seeds: range) -> tuple[int, int, Array]:
     return missed, false, np.array(late)
 
 
+@pytest.mark.prove
 def test_hits_on_loud_tails_are_found_to_the_sample() -> None:
     missed, false, late = missed_and_false(range(900, 903))
     assert (missed, false) == (0, 0)

@@ -107,6 +107,7 @@ def test_hits_that_fall_silent_in_between_are_not(seed: int) -> None:
     assert not measure_loss(sound / np.abs(sound).max(), RATE)
 
 
+@pytest.mark.prove
 def test_a_coder_that_leaves_few_holes_is_only_supposed() -> None:
     told = told_of(coded(struck_body(0), 128))
     assert "may have been coded with loss (MP3, AAC, OGG): bands fall silent" in told

@@ -55,6 +55,7 @@ def strike_of(made: Fitting, seconds: float = 0.6) -> Array:
     return np.asarray(sound.samples[0], np.float64)
 
 
+@pytest.mark.prove
 def test_every_band_of_the_ear_is_as_loud_as_it_was(hissing: tuple[Take, Fitting]) -> None:
     recorded, made = hissing
     assert made.model.residual is not None  # nobody asked for it

@@ -267,6 +267,7 @@ def test_models_without_modes_are_drawn_and_said_to_have_none() -> None:
     assert "0 modes" in texts(charts.overview(recorded()))
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize(
     "name",
     [

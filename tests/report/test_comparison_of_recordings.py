@@ -69,6 +69,7 @@ def struck_twice(bar: ModalModel, seconds: float = 2.0) -> Sound:
     return struck.render(bar, hits, seconds=seconds, sample_rate=RATE)
 
 
+@pytest.mark.prove
 def test_levels_are_those_of_the_loudest_hit(bar: ModalModel) -> None:
     found = compare(bar, struck_twice(bar), strike=TWO)
     assert len(found.pairs) == len(bar.frequencies)
@@ -80,6 +81,7 @@ def test_levels_are_those_of_the_loudest_hit(bar: ModalModel) -> None:
     assert np.abs(elsewhere.level_differences).max() > 6
 
 
+@pytest.mark.prove
 def test_the_loudest_hit_is_heard_alone(bar: ModalModel) -> None:
     sound = struck_twice(bar)
     hits = [replace(ONE, time=0.3), replace(TWO, time=1.1, impulse=0.003)]

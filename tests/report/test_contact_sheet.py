@@ -122,6 +122,7 @@ def test_no_body_leaves_its_frame_and_floors_are_drawn(away: float) -> None:
     assert legend[2].startswith("floor: tiles of ")
 
 
+@pytest.mark.prove
 def test_ground_that_is_a_huge_box_leaves_what_moves_in_sight() -> None:
     """As scene files without planes have it; times of a short scene keep apart."""
     events = bouncing([0.02], [1.0], seconds=0.08)

@@ -131,6 +131,7 @@ def reader(page: str) -> Reader:
     return Reader(page)
 
 
+@pytest.mark.prove
 def test_the_page_needs_no_other_file_and_is_whole(page: str, reader: Reader) -> None:
     assert not reader.inside
     assert reader.links

@@ -43,6 +43,7 @@ def test_a_dipole_is_4_8_db_louder_along_its_axis_than_on_average() -> None:
     assert np.asarray(above)[90] < 5
 
 
+@pytest.mark.prove
 def test_a_plane_where_nothing_is_heard_is_grey_and_the_struck_place_is_named() -> None:
     model = dipole()
     contact = model.contact()
@@ -80,6 +81,7 @@ def test_slices_are_coloured_where_the_field_is_known(near: bool) -> None:  # no
     assert values[10, 100] == pytest.approx(powers @ model.frequencies / powers.sum())
 
 
+@pytest.mark.prove
 def test_the_shell_draws_fields(tmp_path: Path) -> None:
     struck.save(radiating_ball()[0], tmp_path / "a.struck")
     picture = tmp_path / "a.png"

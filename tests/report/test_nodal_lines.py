@@ -43,6 +43,7 @@ def square(edges: str = "supported") -> struck.ModalModel:
     return struck.analyze(plate, "glass", band=(20, 4000), recoil=False)
 
 
+@pytest.mark.prove
 def test_a_supported_plate_has_straight_lines_at_equal_parts() -> None:
     """Mode (m, n) is sin(m pi x / a) sin(n pi y / b): m - 1 and n - 1 lines divide the sides."""
     model, width = square(), 0.16

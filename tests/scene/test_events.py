@@ -263,6 +263,7 @@ def heard_scene(scene: Scene, contacts: Contacts) -> Array:
 # The paper's own forces, and what is refused.
 
 
+@pytest.mark.prove
 def test_forces_of_2002_stay_by_name() -> None:
     contacts = landing(Solver(), seconds=0.3)
     events = events_of(SCENE, contacts)
@@ -279,6 +280,7 @@ def test_forces_of_2002_stay_by_name() -> None:
         events.on(forces="gauss")
 
 
+@pytest.mark.prove
 def test_a_gaussian_kernel_dulls_and_raw_steps_buzz() -> None:
     contacts = landing(Solver(), seconds=0.2)
     events, bright = events_of(SCENE, contacts), {}

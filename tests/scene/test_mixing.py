@@ -165,6 +165,7 @@ def test_a_timbre_field_that_is_none_reverberates_as_a_plain_body() -> None:
         assert levels[1] == pytest.approx(levels[0], rel=0.02)
 
 
+@pytest.mark.prove
 def test_a_room_is_as_loud_as_its_absorption_says() -> None:
     # Kuttruff, chapter 5: 16 pi / A of the energy at 1 m, of which the mixing time takes its share.
     dull = replace(BLOCK, decays=np.full(len(BLOCK.decays), 400.0))
@@ -184,6 +185,7 @@ def test_a_room_is_as_loud_as_its_absorption_says() -> None:
     assert np.mean(late) == pytest.approx(wanted, rel=0.1)
 
 
+@pytest.mark.prove
 def test_a_room_sounds_longer_the_longer_it_reverberates() -> None:
     ear = Mono(position=(4, 2, 1.5))
     dull = replace(BLOCK, decays=np.full(len(BLOCK.decays), 60.0))

@@ -129,6 +129,7 @@ def test_blows_of_many_animations_are_found_and_few_are_invented(tmp_path: Path)
     assert max(missed) < 0.3
 
 
+@pytest.mark.prove
 def test_what_lands_and_slides_is_a_blow_and_a_load() -> None:
     frames = np.arange(90) / RATE
     land, rate = 0.5037, 1 / RATE

@@ -58,6 +58,7 @@ def test_frequencies_and_shapes_with_any_ends(ends: tuple[str, str], thickness: 
     np.testing.assert_allclose(shapes, others * np.where(signs, signs, 1), rtol=0, atol=1e-7)
 
 
+@pytest.mark.prove
 @pytest.mark.parametrize(
     "ends", [("clamped", "free"), pytest.param(("free", "free"), marks=pytest.mark.prove)]
 )

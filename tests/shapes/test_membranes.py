@@ -16,6 +16,7 @@ from struck.model.mesh import Mesh
 from struck.shapes.circular_membrane import AnnularMembrane, CircularMembrane, RoundForms
 from struck.shapes.rectangular_membrane import RectangularMembrane
 from struck.shapes.shape import Shape
+from tests.samples import sampled
 from tests.yardstick import transforms
 
 Array = NDArray[np.float64]
@@ -71,7 +72,7 @@ def test_forms_are_orthonormal(body: Shape) -> None:
     assert from_identity(vibration.forms, places, weights) < 1e-11
 
 
-@pytest.mark.parametrize("hole", [1e-6, 0.001, 0.9, 0.99])
+@pytest.mark.parametrize("hole", sampled([1e-6, 0.001, 0.9, 0.99], 0.001, 0.99))
 def test_forms_of_extreme_rings_are_orthonormal(hole: float) -> None:
     ring = AnnularMembrane(radius=1.0, hole=hole, **THIN)
     speed = np.sqrt(3000.0 / (1390.0 * 0.0002))

@@ -142,6 +142,7 @@ def test_forms_vanish_along_the_edges_as_stated(name: str, request: pytest.Fixtu
     assert vibration.errors.max() < 1e-8
 
 
+@pytest.mark.prove
 def test_values_outside_are_those_on_the_nearest_edge(l_shape: Vibration) -> None:
     outside = np.array([[0.3, 0.203], [-0.004, 0.1], [0.21, 0.21], [np.pi, -50.0]])
     on_edge = np.array([[0.3, 0.2], [0.0, 0.1], [0.21, 0.2], [0.4, 0.0]])
@@ -310,6 +311,7 @@ def test_bands_without_modes_and_with_too_many_are_refused() -> None:
         L_SHAPE.vibration(MYLAR, 20_000.0)
 
 
+@pytest.mark.prove
 def test_modes_are_those_of_the_band(l_shape: Vibration) -> None:
     modes = L_SHAPE.modes(MYLAR, (20.0, 500.0))
     expected = l_shape.frequencies[l_shape.frequencies < 500.0]

@@ -11,6 +11,7 @@ from struck.solids import Revolution
 from tests.physics.bodies import ALUMINIUM
 from tests.physics.reference import TORSIONAL
 from tests.physics.test_sphere import RADIUS, UNIT, exact
+from tests.samples import sampled
 from tests.solids.test_bodies import determinants
 
 
@@ -47,7 +48,7 @@ BODIES = {
 }
 
 
-@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize("name", sampled(BODIES, "ball", "undercut"))
 def test_elements_fill_the_volume_of_the_closed_form(name: str) -> None:
     body, volume = BODIES[name]
     assert body.volume == pytest.approx(volume, rel=3e-5)

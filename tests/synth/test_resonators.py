@@ -11,6 +11,7 @@ import pytest
 from struck.errors import OptionError
 from struck.excitation.excitation import Push
 from struck.synth.resonators import Resonators
+from tests.samples import sampled
 from tests.synth.scenes import RATE, Array, Bank, Complex, bank, decibels, exactly, reference
 
 BLOCKS = (1, 17, 64, 128, 4096)
@@ -60,7 +61,7 @@ def dense_noise() -> tuple[Bank, Array, Complex, Array, Array]:
     return modes, drive, outputs, force, exactly(modes, outputs, drive, force)
 
 
-@pytest.mark.parametrize("block", BLOCKS)
+@pytest.mark.parametrize("block", sampled(BLOCKS, 64, 128, 4096))
 def test_dense_noise_is_what_filters_make(block: int) -> None:
     modes, drive, outputs, force, exact = dense_noise()
     count = (RATE // 20 if block == 1 else len(force)) // block * block

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from numpy.random import default_rng
 from numpy.typing import NDArray
 
@@ -16,6 +17,7 @@ Array = NDArray[np.float64]
 NOWHERE = np.zeros((1, 3))
 
 
+@pytest.mark.prove
 def test_a_walk_round_a_vase_is_as_smooth_as_standing_still() -> None:
     chance = default_rng(6)
     vase = Vase.drawn(chance)

@@ -47,13 +47,13 @@ def crossing(polygon: Array) -> Array | None:
 def _meeting(edges: Ends, first: Index, others: Ends, second: Index) -> Array | None:
     """Return the first edge's start where an edge of one set meets one of the other, or None."""
     (a, b), (c, d) = (end[first] for end in edges), (end[second] for end in others)
-    orientations = [_turn(a, b, c), _turn(a, b, d), _turn(c, d, a), _turn(c, d, b)]
-    is_straddled = (orientations[0] * orientations[1] <= 0) & (
-        orientations[2] * orientations[3] <= 0
-    )
     low = np.maximum(np.minimum(a, b), np.minimum(c, d))
     high = np.minimum(np.maximum(a, b), np.maximum(c, d))
-    hits = np.flatnonzero(is_straddled & (low <= high).all(axis=1))
+    # Few boxes overlap: orientations are computed of these pairs alone.
+    near = np.flatnonzero((low <= high).all(axis=1))
+    a, b, c, d = a[near], b[near], c[near], d[near]
+    is_straddled = (_turn(a, b, c) * _turn(a, b, d) <= 0) & (_turn(c, d, a) * _turn(c, d, b) <= 0)
+    hits = np.flatnonzero(is_straddled)
     return a[hits[0]] if len(hits) else None
 
 

@@ -45,10 +45,12 @@ def test_a_drum_under_a_long_push_keeps_its_broad_modes() -> None:
     assert fit.verdict.modal
 
 
+@pytest.mark.prove
 def test_a_push_alone_has_no_mode_of_an_object() -> None:
     assert fitted(np.pad(PUSH, (0, RATE - 132))).blow.all()
 
 
+@pytest.mark.prove
 def test_modes_of_a_bar_are_all_of_its_own() -> None:
     bar = struck.analyze(Bar(length=0.3, width=0.03, thickness=0.005, ends="free"), "steel")
     sound = struck.render(bar, Strike(at=(0.02,)), seconds=1.0)

@@ -102,6 +102,7 @@ def test_gains_are_the_sound_from_their_time_on() -> None:
     assert fit.verdict.signal_to_residual > 30
 
 
+@pytest.mark.prove
 def test_tones_of_the_surroundings_are_left_out_and_named() -> None:
     fan = scene(30, 20, np.random.default_rng(5), channels=4, fan=True)
     fit = fit_poles(take(fan.samples), budget=None)
@@ -111,6 +112,7 @@ def test_tones_of_the_surroundings_are_left_out_and_named() -> None:
         assert np.abs(fit.frequencies - tone).min() > 0.3
 
 
+@pytest.mark.prove
 def test_a_budget_keeps_what_explains_most() -> None:
     fit = fit_poles(bar(6), budget=3)
     assert len(fit.frequencies) == 3

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 import numpy as np
+import pytest
 
 import struck
 from struck.files.sound import Sound
@@ -54,6 +55,7 @@ def ringing(seed: int, *, after: float = 0.0, strength: float = 1.0) -> Sound:
     return Sound(samples=samples[None].astype(np.float32), sample_rate=24_000)
 
 
+@pytest.mark.prove
 def test_another_object_among_takes_is_told() -> None:
     same = [ringing(1, strength=strength) for strength in (1.0, 0.7, 0.3)]
     assert not any("two objects" in each for each in noted(same))

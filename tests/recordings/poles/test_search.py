@@ -26,6 +26,7 @@ from tests.recordings.scenes import (
     scene,
     score,
 )
+from tests.samples import sampled
 
 FEW, MANY = range(1000, 1002), range(2000, 2020)
 
@@ -174,7 +175,7 @@ def unsplit(seeds: range, decay: float, split: float = 0.3) -> int:
     return wrong
 
 
-@pytest.mark.parametrize("decay", [0.5, 2.0])
+@pytest.mark.parametrize("decay", sampled([0.5, 2.0], 0.5))
 def test_pairs_that_beat_every_three_seconds_are_split(decay: float) -> None:
     assert unsplit(FEW, decay) == 0
 

@@ -14,6 +14,7 @@ from struck.solids.fem.lanczos import Eigenpairs, rigid_motions
 from struck.solids.fem.spectrum import Shift, Solver, Spectrum
 from struck.solids.fem.vibration import vibration_modes
 from tests.physics.bodies import UNIT, grid
+from tests.samples import sampled
 
 Array = NDArray[np.float64]
 BODY = grid("tet4", (2, 3, 3), (0.8, 1.0, 1.3)).promoted()
@@ -39,7 +40,7 @@ def sliced(values: Array, bound: float, limit: int) -> list[Eigenpairs]:
     return list(spectrum.up_to(spectrum.shift(bound)))
 
 
-@pytest.mark.parametrize("limit", [8, pytest.param(20, marks=pytest.mark.prove), 75])
+@pytest.mark.parametrize("limit", sampled([8, 20, 75], 8))
 @pytest.mark.parametrize("power", [0.4, 1.0, 3.0])
 def test_slices_hold_every_eigenvalue_once(limit: int, power: float) -> None:
     random = np.random.default_rng(3)

@@ -181,6 +181,7 @@ def test_pieces_that_share_an_edge_count_apart() -> None:
     assert piece_count(grid("wedge6", (2, 2, 2))) == 1
 
 
+@pytest.mark.prove
 def test_a_wall_thicker_than_the_body_is_refused() -> None:
     with pytest.raises(MeshError, match=r"a wall of 0\.06 m leaves no cavity"):
         fill_body(FilledBody(mesh=ball(0.05, 3), wall=0.06), "preview")
