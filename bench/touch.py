@@ -17,7 +17,7 @@ from struck import Scrape
 from struck.excitation import TouchLog
 from struck.excitation.excitation import Push
 from struck.excitation.roughness import Profile, Roughness
-from struck.excitation.sliding_force import add_reading, levels_of
+from struck.excitation.scraping_force import add_reading, levels_of
 from struck.solids import Block
 from struck.synth.resonators import Resonators
 

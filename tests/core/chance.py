@@ -12,7 +12,7 @@ from struck import core as binding
 from struck.ears.delay_lines import READ, hear, interpolation_kernel
 from struck.excitation.excitation import Push
 from struck.excitation.roughness import Roughness
-from struck.excitation.sliding_force import Levels, Reader, SlidingContact, add_reading
+from struck.excitation.scraping_force import Levels, Reader, SlidingContact, add_reading
 from struck.excitation.texture import Layers, add_heights
 from struck.excitation.touch import (
     Lines,

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from struck.excitation import sliding_force
+from struck.excitation import scraping_force
 from struck.excitation.roughness import Roughness
-from struck.excitation.sliding_force import LIGHTEST, Levels, Reader, SlidingContact
+from struck.excitation.scraping_force import LIGHTEST, Levels, Reader, SlidingContact
 from tests.core.agreement import EXACT, apart, golden
 
 Array = NDArray[np.float64]
@@ -31,26 +31,26 @@ def read(add_reading: Callable[..., None], levels: tuple[float, float]) -> Array
 
 @pytest.mark.parametrize("number", range(len(LEVELS)))
 def test_as_before(number: int) -> None:
-    found = read(sliding_force.add_reading, LEVELS[number])
+    found = read(scraping_force.add_reading, LEVELS[number])
     assert apart(found, golden("friction")["out"][number]) <= EXACT
 
 
 @pytest.mark.parametrize("levels", LEVELS)
 def test_as_in_plain_numpy(levels: tuple[float, float]) -> None:
-    plain = read(sliding_force.add_reading_plainly, levels)
-    assert apart(read(sliding_force.add_reading, levels), plain) <= EXACT
+    plain = read(scraping_force.add_reading_plainly, levels)
+    assert apart(read(scraping_force.add_reading, levels), plain) <= EXACT
 
 
 def test_what_is_not_finite_reads_nothing_beyond_the_table() -> None:
     out = np.zeros(4)
     counts = np.array([8])
     table = Levels(values=np.ones(8, np.float32), starts=0 * counts, counts=counts)
-    sliding_force.add_reading(
+    scraping_force.add_reading(
         table, np.array([np.nan, np.inf, -np.inf, 0.5]), (0.0, 0.0), (1, 1), out
     )
     assert np.isnan(out[:3]).all()
     assert out[3] == 1
-    sliding_force.add_reading(table, np.zeros(4), (np.nan, np.inf), (1, 1), out)
+    scraping_force.add_reading(table, np.zeros(4), (np.nan, np.inf), (1, 1), out)
     assert out[3] == 1
 
 

@@ -10,7 +10,7 @@ from scipy.signal import welch
 from struck.excitation.envelope import Envelope, Roller
 from struck.excitation.roughness import Roughness
 from struck.excitation.scrape import Roll
-from struck.excitation.sliding_force import FOLLOWED_LENGTH, SlidingContact
+from struck.excitation.scraping_force import FOLLOWED_LENGTH, SlidingContact
 from tests.excitation.bodies import SIZE
 from tests.excitation.test_scrape import RATE, centroid, force
 

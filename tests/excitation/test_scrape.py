@@ -10,7 +10,7 @@ from scipy.signal import welch
 from struck.errors import OptionError
 from struck.excitation.roughness import Profile, Roughness
 from struck.excitation.scrape import Roll, Scrape
-from struck.excitation.sliding_force import SlidingContact, patch_mean, pressure_mean
+from struck.excitation.scraping_force import SlidingContact, patch_mean, pressure_mean
 from tests.excitation.bodies import SIZE, plate
 from tests.yardstick import transforms
 

@@ -10,7 +10,7 @@ from struck.errors import OptionError
 from struck.excitation.force_track import ForceTrack
 from struck.excitation.pulses import LEAD, SOFTNESS
 from struck.excitation.roughness import Profile
-from struck.excitation.sliding_force import Reader, Tool, force_variation
+from struck.excitation.scraping_force import Reader, Tool, force_variation
 from struck.excitation.texture import CHUNK
 from struck.excitation.touch import DEFAULT_RATE, TouchLog
 from struck.model.arrays import Array

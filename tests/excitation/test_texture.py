@@ -13,7 +13,7 @@ from scipy.signal import welch
 
 from struck.excitation.path import Path
 from struck.excitation.roughness import Roughness
-from struck.excitation.sliding_force import Reader, SlidingContact, force_variation
+from struck.excitation.scraping_force import Reader, SlidingContact, force_variation
 from struck.excitation.texture import CHUNK
 from tests.samples import sampled
 

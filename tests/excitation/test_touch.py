@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 import struck
 from struck.errors import ContactError, OptionError
 from struck.excitation.scrape import Scrape
-from struck.excitation.sliding_force import Tool
+from struck.excitation.scraping_force import Tool
 from struck.excitation.touch import Touching, TouchLog
 from tests.excitation.bodies import plate
 

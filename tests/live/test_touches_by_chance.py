@@ -14,7 +14,7 @@ import struck
 from struck.excitation.force_track import ForceTrack
 from struck.excitation.roughness import Profile, Roughness, profiles, roughnesses
 from struck.excitation.scrape import Roll, Scrape
-from struck.excitation.sliding_force import Tool
+from struck.excitation.scraping_force import Tool
 from struck.excitation.strike import Strike
 from struck.excitation.touch import TouchLog
 from struck.live import limiter

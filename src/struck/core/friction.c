@@ -4,7 +4,7 @@
 
 #include <math.h>
 
-/* Numbers that weights follow from, as struck.excitation.sliding_force.Reader puts them. */
+/* Numbers that weights follow from, as struck.excitation.scraping_force.Reader puts them. */
 enum { MODULUS, RADIUS, SHARE, EXPONENT, SPARED, VARIANCE, LIGHTEST, FLOOR, FAINT, FIRST, STEP };
 
 /* The weights (looks, layers) of texture layers under speeds and loads (looks,).

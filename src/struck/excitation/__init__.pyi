@@ -14,6 +14,6 @@ from .roughness import profiles as profiles
 from .roughness import roughnesses as roughnesses
 from .scrape import Roll as Roll
 from .scrape import Scrape as Scrape
-from .sliding_force import Tool as Tool
+from .scraping_force import Tool as Tool
 from .strike import Strike as Strike
 from .touch import TouchLog as TouchLog

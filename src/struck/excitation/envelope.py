@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import grey_dilation
 
-from struck.excitation.sliding_force import FOLLOWED_LENGTH, LIGHTEST, SlidingContact
+from struck.excitation.scraping_force import FOLLOWED_LENGTH, LIGHTEST, SlidingContact
 from struck.excitation.texture import CHUNK, Layers
 from struck.model.arrays import Array
 

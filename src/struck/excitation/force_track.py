@@ -23,7 +23,7 @@ from struck.excitation.excitation import (
 )
 from struck.excitation.pulses import SOFTNESS, Samples, softened
 from struck.excitation.roughness import Finish
-from struck.excitation.sliding_force import Reader, Tool, force_variation
+from struck.excitation.scraping_force import Reader, Tool, force_variation
 from struck.excitation.texture import CHUNK
 from struck.files.atomic import read_bytes
 from struck.files.wav import decode

@@ -22,7 +22,7 @@ from struck.excitation.excitation import (
 from struck.excitation.hertz import Striker, contact_modulus
 from struck.excitation.path import Path, Waypoints, require_waypoints
 from struck.excitation.roughness import Finish, Roughness, finish
-from struck.excitation.sliding_force import (
+from struck.excitation.scraping_force import (
     FADE_SECONDS,
     ROLLER_FRACTION,
     Reader,
@@ -47,7 +47,7 @@ _FRACTIONS = np.arange(1, CHUNK + 1) / CHUNK
 class Scrape:
     """A round tip that is dragged over the surface of a body.
 
-    The tip follows the roughness by Hertz's law (`struck.excitation.sliding_force`). Doubling the
+    The tip follows the roughness by Hertz's law (`struck.excitation.scraping_force`). Doubling the
     speed raises the spectrum by an octave and the level of the force by about 4.5 dB. Doubling the
     load raises the level by 2 dB on a smooth surface and by 4 dB on a rough one. The surface is
     read by position: the same position has the same heights, and a path that never returns never
@@ -175,7 +175,7 @@ class Roll:
     The heights of surface and roller are added. The surface is read by position. The roller
     repeats after 2 pi radius of the path, which is the only period. It rests on the points that
     it touches first (`struck.excitation.envelope`), and the force follows as for a scrape
-    (`struck.excitation.sliding_force`). Its large radius bridges valleys and averages over a wide
+    (`struck.excitation.scraping_force`). Its large radius bridges valleys and averages over a wide
     contact, so that rolling is smoother and duller than scraping.
 
     Parameters

@@ -4,8 +4,8 @@
 interpolated linearly over the expected interval, and the load then passes a window of 2 ms, or the
 tool's kernel: no step, no corner, nothing of the rate of the updates above about 1 kHz (2007 closes
 a loop of contacts at 100 Hz over audio in the same way). A moving contact adds the force of the
-surface at its place, as a scrape does (`struck.excitation.sliding_force`). A steady load is silent;
-only its changes sound.
+surface at its place, as a scrape does (`struck.excitation.scraping_force`). A steady load is
+silent; only its changes sound.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from struck.core import entry
 from struck.errors import ContactError, OptionError, rounded
 from struck.excitation.excitation import MAX_LOAD, Push, drive, drive_at, drives_at
-from struck.excitation.sliding_force import FADE_SECONDS, Reader, Tool, fading, force_variation
+from struck.excitation.scraping_force import FADE_SECONDS, Reader, Tool, fading, force_variation
 from struck.excitation.texture import CHUNK
 from struck.model.arrays import Array, Index, Mask, checked
 from struck.model.contact import Contact, Place

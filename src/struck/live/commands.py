@@ -24,7 +24,7 @@ from struck.ears.propagation import aside
 from struck.errors import OptionError
 from struck.excitation.excitation import Excitation, Hold, Pushing, drive
 from struck.excitation.pulses import LEAD, Samples
-from struck.excitation.sliding_force import Tool
+from struck.excitation.scraping_force import Tool
 from struck.excitation.strike import Strike, after_attack, residual_of
 from struck.excitation.touch import Touching, TouchLog, Update
 from struck.live.callback_memory import arena

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from struck.errors import OptionError, SimulationError, StruckError
-from struck.excitation.sliding_force import FADE_SECONDS, SlidingContact
+from struck.excitation.scraping_force import FADE_SECONDS, SlidingContact
 from struck.excitation.strike import Strike
 from struck.live.commands import Host
 from struck.model.arrays import Array

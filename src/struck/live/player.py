@@ -20,7 +20,7 @@ from struck.ears.listeners import Course3, Listener, Mono
 from struck.ears.orientation import Turning
 from struck.errors import ArgumentError, DeviceError, OptionError
 from struck.excitation.excitation import Excitation
-from struck.excitation.sliding_force import Tool
+from struck.excitation.scraping_force import Tool
 from struck.excitation.strike import Strike
 from struck.excitation.touch import TouchLog
 from struck.live import callback_memory, limiter

@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 from struck.excitation.excitation import Push, drives_at
 from struck.excitation.hertz import contact_modulus
 from struck.excitation.roughness import finish
-from struck.excitation.sliding_force import (
+from struck.excitation.scraping_force import (
     FADE_SECONDS,
     ROLLER_FRACTION,
     TIP_FRACTION,
