@@ -59,7 +59,8 @@ class Interruption:
     @staticmethod
     def _again(what: sys.UnraisableHookArgs) -> None:
         if isinstance(what.exc_value, KeyboardInterrupt):
-            signal.raise_signal(signal.SIGINT)
+            # Not at once: Python would drop what is raised in this hook, too.
+            _thread.start_new_thread(_once_more, (_thread.get_ident(),))
         else:
             sys.__unraisablehook__(what)
 

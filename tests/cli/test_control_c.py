@@ -141,6 +141,32 @@ def test_a_compiled_module_is_loaded_whole_before() -> None:
     assert done.stdout.split() == ["whole", "interrupted"]
 
 
+FINALIZING = """
+import signal, time
+from struck.__main__ import Interruption
+
+class Finalized:
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+
+Interruption()
+try:
+    thing = Finalized()
+    del thing
+    time.sleep(20)
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+
+
+def test_what_comes_amid_a_finalizer_comes_again() -> None:
+    """Python drops what a finalizer raises, and says so on standard error."""
+    done = subprocess.run(
+        [sys.executable, "-c", FINALIZING], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert (done.stdout, done.stderr) == ("interrupted\n", "")
+
+
 @pytest.mark.prove
 @pytest.mark.parametrize("seed", range(2, 7))
 def test_moments_of_every_command(folder: Path, seed: int) -> None:
