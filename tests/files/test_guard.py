@@ -350,7 +350,7 @@ ARRAYS = "np.zeros((4, 3)), np.zeros((1, 3), int)"
     ],
 )
 def test_reader_that_talks_nonsense(tetrahedron: Path, program: str) -> None:
-    guard = speaking(f"{program}\nanswers.flush()\ntime.sleep(9)", vertices=500, faces=10)
+    guard = speaking(f"{program}\nanswers.flush()\ntime.sleep(9)", answer=24 * 510)
     assert "its reader answered nonsense" in refused(guard, tetrahedron)
     assert guard.process_id is None
 
@@ -602,7 +602,7 @@ def test_bz2_of_few_bytes_that_asks_for_gigabytes(tmp_path: Path) -> None:
     one = bz2.compress(bytes(45_000_000))
     assert len(one) < 100
     message = refused_by_all(saved(tmp_path / "a.stl.bz2", one))
-    assert "no mesh packs better than 200 to 1" in message
+    assert "no honest file packs better than 200 to 1" in message
     refused_by_all(saved(tmp_path / "a.stl.bz2", one * 10_000))
 
 
@@ -617,7 +617,7 @@ def test_bombs(tmp_path: Path, packing: str) -> None:
                 file.write(MEBIBYTE)
     else:
         zipped(path, {"a.obj": bytes(64 * MIB)})
-    assert "no mesh packs better than 200 to 1" in refused_by_all(path)
+    assert "no honest file packs better than 200 to 1" in refused_by_all(path)
 
 
 @pytest.mark.prove

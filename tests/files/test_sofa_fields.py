@@ -258,7 +258,7 @@ MALFORMED = {
     "no gains": (lambda file: file.pop("Data.Imag"), "Data.Imag is missing"),
     "NaN": (not_a_number, "1 values that are NaN"),
     "text": (replaced("Data.Real", "text"), "numbers in this one are read"),
-    "size": (huge, "more than 134,217,728 numbers: split the file"),
+    "size": (huge, "more than 134,217,728 numbers are not read: split"),
     "feet": (in_feet, "'cartesian' in 'foot'"),
     "listeners": (replaced("ListenerPosition", np.ones((18, 3))), r"\(18, 1, 25, 3\) is demanded"),
     "flat": (replaced("ListenerPosition", np.ones(19)), r"\(n, 3\) is read"),

@@ -14,8 +14,11 @@ from scipy import signal
 
 import struck
 from struck.errors import FileFormatError, OptionError
-from struck.files import wav
+from struck.files import guard, wav
+from struck.files.guard import Guard
+from struck.files.messages import ReadingLimits
 from struck.files.sound import Sound
+from struck.files.sound_formats import answer
 
 RATE = 16000
 TIMES = np.arange(RATE) / RATE
@@ -202,3 +205,28 @@ def test_sound_that_would_be_too_loud_says_what_to_give() -> None:
         pytest.raises(OptionError, match=r"would reach .* Pa, .* 3.4e38: .*smaller impulse"),
     ):
         struck.render(bar, struck.Strike(impulse=1e38), seconds=0.01)
+
+
+def test_a_file_that_unpacks_to_more_than_is_read_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with soundfile.SoundFile(tmp_path / "silence.flac", "w", 48_000, 8, format="FLAC") as file:
+        file.write(np.zeros((100_000, 8), np.float32))
+    with pytest.raises(FileFormatError, match=r"more than 250,000 samples of its 8 channels"):
+        answer(tmp_path / "silence.flac", ReadingLimits(answer=10**6), precision="float32")
+    reader = Guard(ReadingLimits(answer=10**6))
+    monkeypatch.setattr(guard, "_GUARD", reader)
+    with pytest.raises(FileFormatError, match=r"silence\.flac: it holds more than 250,000"):
+        Sound.load(tmp_path / "silence.flac")
+    reader.close()
+
+
+@pytest.mark.parametrize("frames", [b"\x0f\xff\xff\xff\xff", bytes(5)])
+def test_numbers_of_samples_that_are_not_there_cost_nothing(tmp_path: Path, frames: bytes) -> None:
+    soundfile.write(tmp_path / "a.flac", np.full((1000, 1), 0.1), 48_000)
+    data = bytearray((tmp_path / "a.flac").read_bytes())
+    data[21] = (data[21] & 0xF0) | frames[0]
+    data[22:26] = frames[1:]
+    (tmp_path / "a.flac").write_bytes(data)
+    with pytest.raises(FileFormatError, match=r"a\.flac cannot be read as a sound"):
+        Sound.load(tmp_path / "a.flac")

@@ -114,12 +114,18 @@ def gathered(
     for chunk in chunks:
         data += chunk
         require_size(len(data), limits)
-        if packed is not None and len(data) > max(_SMALL, _HIGHEST_RATIO * packed()):
-            raise MeshError(
-                f"its first {packed()} bytes unpack to {len(data)}, and no mesh packs better than "
-                f"{_HIGHEST_RATIO} to 1: unpack it yourself if you trust it"
-            )
+        if packed is not None:
+            require_ratio(len(data), packed())
     return bytes(data)
+
+
+def require_ratio(unpacked_size: int, packed_size: int) -> None:
+    """Raise a MeshError when bytes unpack to more than any honest file of that size does."""
+    if unpacked_size > max(_SMALL, _HIGHEST_RATIO * packed_size):
+        raise MeshError(
+            f"its first {packed_size} bytes unpack to {unpacked_size}, and no honest file packs "
+            f"better than {_HIGHEST_RATIO} to 1: unpack it yourself if you trust it"
+        )
 
 
 def pieces_of(file: IO[bytes] | BufferedIOBase) -> Iterator[bytes]:

@@ -13,6 +13,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
@@ -20,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import MeshError
-from struck.files.archives import Source
-from struck.files.messages import Part, ReadingLimits
+from struck.files.archives import Source, open_source
+from struck.files.messages import Answer, Frame, Part, ReadingLimits
 
 # Required extensions that leave vertices and faces as the core specification reads them.
 _HARMLESS = re.compile(
@@ -42,11 +43,34 @@ def read_gltf(source: Source, limits: ReadingLimits) -> tuple[Iterator[Part], Co
     return document.placed(), document.left_out()
 
 
-def read_animation(source: Source, limits: ReadingLimits) -> dict[str, Motion]:
-    """Return how each node that moves does, by its name, as seen from where it rests."""
+def answer_animation(path: Path, limits: ReadingLimits) -> Answer:
+    """Return how each node that moves does, as seen from where it rests, as an answer.
+
+    The content has the `names` of the nodes; three arrays belong to each, those of a `Motion`.
+    """
+    source = open_source(path, limits)
     header, binary = _open(source)
     _require_known(header)
-    return _Document(header, _buffers(header, binary, source), limits).motions()
+    motions = _Document(header, _buffers(header, binary, source), limits).motions()
+    arrays = [
+        array
+        for motion in motions.values()
+        for array in (motion.times[:, None], motion.positions, motion.rotations)
+    ]
+    return {"names": list(motions)}, arrays
+
+
+def motions_of(frame: Frame) -> dict[str, Motion]:
+    """Return the motions that an answer holds, by the names of their nodes."""
+    names, parts = frame.content["names"], frame.arrays
+    columns = [array.shape[1] for array in parts]
+    if columns != [1, 3, 4] * len(names):
+        raise ValueError("its arrays are no motions")
+    triples = zip(names, parts[::3], parts[1::3], parts[2::3], strict=True)
+    return {
+        name: Motion(times=times[:, 0], positions=positions, rotations=rotations)
+        for name, times, positions, rotations in triples
+    }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

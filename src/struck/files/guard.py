@@ -1,7 +1,8 @@
-"""Foreign mesh files, read by a process that may crash, hang or swell without harm.
+"""Foreign files, read by a process that may crash, hang or swell without harm.
 
 The process is started with the first file and kept for those that follow; one that fails is ended,
-and the next file gets a new one. Whatever happens, the answer is sound arrays or one `MeshError`.
+and the next file gets a new one. Whatever happens, the answer is plain JSON with arrays, or one
+`StruckError`; the caller checks their meaning.
 """
 
 from __future__ import annotations
@@ -13,18 +14,22 @@ import signal
 import subprocess
 import threading
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import IO, NoReturn, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.errors import MeshError, MissingDependencyError, rounded
+from struck import errors
+from struck.errors import FileFormatError, MeshError, StruckError, rounded
 from struck.files.messages import (
+    DAMAGED,
     FORMATS,
     OUT_OF_MEMORY,
+    UNREADABLE,
     ElementBlocks,
     Frame,
     Parsed,
@@ -70,9 +75,45 @@ def read_volume(path: str | os.PathLike[str]) -> ElementBlocks:
     return _GUARD.blocks(path)
 
 
+def read_foreign(
+    task: str,
+    path: str | os.PathLike[str],
+    understood: Callable[[Frame], Answer],
+    *,
+    error: type[StruckError] = FileFormatError,
+    advice: str,
+    options: Mapping[str, str] = MappingProxyType({}),
+    seconds: float | None = None,
+) -> Answer:
+    """Return the answer of a task of `messages.TASKS` about a file, converted by `understood`.
+
+    `options` are further arguments of the task, and `seconds` the processor time that it may take,
+    if not that of all. `error` is raised, without the file's name, where
+    the file is damaged or reading it takes more than the limits; `advice` is the way out then.
+    `understood` raises KeyError, TypeError or ValueError on an answer that has not the form of its
+    task.
+    """
+    question = Question(
+        task=task, path=path, error=error, advice=advice, options=options, seconds=seconds
+    )
+    return _GUARD.ask(question, understood)
+
+
 def close() -> None:
     """End the process that reads files; the next file starts another."""
     _GUARD.close()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Question:
+    """A task, its file, and the error to raise where the file cannot be read."""
+
+    task: str  # of `messages.TASKS`
+    path: str | os.PathLike[str]
+    error: type[StruckError] = MeshError
+    advice: str = "simplify the surface (decimate it), or export it in a binary format"
+    options: Mapping[str, str] = field(default_factory=dict)
+    seconds: float | None = None  # of processor time, in place of the limit of all
 
 
 class Guard:
@@ -98,12 +139,12 @@ class Guard:
 
     def contents(self, path: str | os.PathLike[str]) -> Contents:
         """Read a surface: see `read_contents`."""
-        surface = self._request("surface", path, surface_of)
+        surface = self.ask(Question(task="surface", path=path), surface_of)
         return Contents(kind=surface.kind, parts=surface.parts, beside=surface.beside)
 
     def blocks(self, path: str | os.PathLike[str]) -> ElementBlocks:
         """Read a volume mesh: see `read_volume`."""
-        return self._request("volume", path, blocks_of)
+        return self.ask(Question(task="volume", path=path), blocks_of)
 
     def close(self) -> None:
         """End the reading process; the next file starts another."""
@@ -112,42 +153,66 @@ class Guard:
                 self._ending()
             self._process = self._ending = None
 
-    def _request(
-        self, task: str, path: str | os.PathLike[str], understood: Callable[[Frame], Answer]
-    ) -> Answer:
+    def ask(self, question: Question, understood: Callable[[Frame], Answer]) -> Answer:
         """Send one question, and return the checked answer."""
         with self._lock:
-            frame = self._frame({"task": task, "path": str(Path(path).absolute())})
+            frame = self._frame(question)
             if "error" in frame.content:
-                error = _ERRORS.get(str(frame.content["error"]), MeshError)
-                raise error(_printable(str(frame.content.get("message"))))
+                self._refuse(
+                    question, frame.content["error"], _printable(str(frame.content.get("message")))
+                )
             try:
                 return understood(frame)
             except (KeyError, TypeError, ValueError) as error:
-                self._refuse_nonsense(f"{type(error).__name__} {error}")
+                self._refuse_nonsense(question, f"{type(error).__name__} {error}")
 
-    def _frame(self, question: dict[str, str]) -> Frame:
-        process = self._running()
+    def _refuse(self, question: Question, name: object, message: str) -> NoReturn:
+        """Raise the error that an answer names."""
+        if name == UNREADABLE:
+            raise question.error(f"it cannot be read ({message}): check the disk it is on")
+        if name == DAMAGED:
+            raise question.error(f"it is damaged, or another format ({message}): export it again")
+        error = getattr(errors, str(name), None)
+        if isinstance(error, type) and issubclass(error, StruckError):
+            raise error(message)
+        self._refuse_nonsense(question, f"an error called {name}")
+
+    def _frame(self, question: Question) -> Frame:
+        process = self._running(question.error)
         questions, answers = _pipes(process)
-        with _deadline(process, self.limits.wall) as expiry:
+        content = {
+            "task": question.task,
+            "path": str(Path(question.path).absolute()),
+            "options": dict(question.options),
+            "seconds": self._times(question)[0],
+            "wall": self._times(question)[1],
+        }
+        with _deadline(process, content["wall"]) as expiry:
             try:
-                write_frame(questions, question)
+                write_frame(questions, content)
                 return read_frame(answers, largest=self.limits.answer)
             except ValueError as error:
-                self._refuse_nonsense(str(error))
+                self._refuse_nonsense(question, str(error))
             except (EOFError, OSError):
-                self._explain(process, timed_out=expiry.is_set())
+                self._explain(question, process, timed_out=expiry.is_set())
             except BaseException:
                 self.close()  # an answer to this question must not be taken for the next
                 raise
 
-    def _running(self) -> subprocess.Popen[bytes]:
+    def _times(self, question: Question) -> tuple[float, float]:
+        """Return how long a question may take, s: of the processor, and by the clock."""
+        if question.seconds is None:
+            return self.limits.seconds, self.limits.wall
+        # A busy machine gives a process a fraction of a processor.
+        return question.seconds, max(self.limits.wall, 10 * question.seconds)
+
+    def _running(self, error: type[StruckError] = MeshError) -> subprocess.Popen[bytes]:
         if self._process is None or self._process.poll() is not None:
             self.close()
-            self._process = self._started()
+            self._process = self._started(error)
         return self._process
 
-    def _started(self) -> subprocess.Popen[bytes]:
+    def _started(self, refusal: type[StruckError]) -> subprocess.Popen[bytes]:
         try:
             process = subprocess.Popen(  # noqa: S603 - our own module, in this interpreter
                 self._command,
@@ -159,7 +224,7 @@ class Guard:
                 creationflags=_NO_WINDOW,
             )
         except OSError as error:
-            raise MeshError(
+            raise refusal(
                 f"{self._command[0]} cannot be started to read it ({error.strerror or error}): "
                 "free some memory or processes"
             ) from error
@@ -169,39 +234,41 @@ class Guard:
                 read_frame(_pipes(process)[1], largest=0)
             except (ValueError, EOFError, OSError) as error:
                 self.close()
-                raise MeshError(
+                raise refusal(
                     f"the process that reads files ({self._command[0]}) did not start: it needs "
                     f"{self.limits.memory} bytes of address space and Python; check both"
                 ) from error
         return process
 
-    def _explain(self, process: subprocess.Popen[bytes], *, timed_out: bool) -> NoReturn:
-        """Raise a MeshError with the reason why the reading process ended."""
+    def _explain(
+        self, question: Question, process: subprocess.Popen[bytes], *, timed_out: bool
+    ) -> NoReturn:
+        """Raise the question's error with the reason why the reading process ended."""
         if not timed_out:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(1)
         code = process.returncode
         self.close()
-        limit, advice = "", "simplify the surface (decimate it), or export it in a binary format"
+        limit = ""
         if timed_out:
-            limit = f"longer than {rounded(self.limits.wall)} s"
+            limit = f"longer than {rounded(self._times(question)[1])} s"
         elif code == _WORKED_TOO_LONG:
-            limit = f"more than {rounded(self.limits.seconds)} s of the processor"
+            limit = f"more than {rounded(self._times(question)[0])} s of the processor"
         elif code == OUT_OF_MEMORY:
             limit = f"more than {self.limits.memory} bytes of memory"
         elif code == _KILLED_CODE:
             limit = "more memory than the system has left"
         if limit:  # of this machine and hour, not the file's fault
             cause = MemoryError() if code in {OUT_OF_MEMORY, _KILLED_CODE} else TimeoutError()
-            raise MeshError(f"reading it took {limit}: {advice}") from cause
-        raise MeshError(
+            raise question.error(f"reading it took {limit}: {question.advice}") from cause
+        raise question.error(
             f"its reader crashed on it (exit code {code}): it is damaged, or made to do harm; "
             "export it again"
         )
 
-    def _refuse_nonsense(self, reason: str) -> NoReturn:
+    def _refuse_nonsense(self, question: Question, reason: str) -> NoReturn:
         self.close()
-        raise MeshError(
+        raise question.error(
             f"its reader answered nonsense ({_printable(reason)}): it is damaged, or made to do "
             "harm; export it again"
         )
@@ -351,7 +418,6 @@ def _forget_all() -> None:
         guard.forget()
 
 
-_ERRORS = {"MeshError": MeshError, "MissingDependencyError": MissingDependencyError}
 _GUARDS: weakref.WeakSet[Guard] = weakref.WeakSet()
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_forget_all)

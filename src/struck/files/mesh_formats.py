@@ -24,7 +24,15 @@ from struck.errors import MeshError, MissingDependencyError, OptionError
 from struck.files.archives import Source, open_regular, open_source
 from struck.files.atomic import write_bytes
 from struck.files.gltf import read_gltf, strip_triangles
-from struck.files.messages import FORMATS, READERS, ElementBlocks, Parsed, Part, ReadingLimits
+from struck.files.messages import (
+    FORMATS,
+    READERS,
+    Answer,
+    ElementBlocks,
+    Parsed,
+    Part,
+    ReadingLimits,
+)
 from struck.files.recognition import HEAD, explain_not_surface, kind_by_content, recognise
 from struck.model.arrays import AnyArray
 
@@ -59,6 +67,21 @@ def parse(path: Path, limits: ReadingLimits) -> Parsed:
             "damaged or another format; export it again, as triangles"
         ) from error
     return Parsed(kind=source.kind, parts=nonempty_parts, beside=dict(beside))
+
+
+def answer_surface(path: Path, limits: ReadingLimits) -> Answer:
+    """Return the surfaces of a mesh file as an answer of the process that reads files."""
+    mesh = parse(path, limits)
+    arrays = [array for part in mesh.parts for array in (part.points, part.faces)]
+    names = [part.name for part in mesh.parts]
+    return {"kind": mesh.kind, "names": names, "beside": mesh.beside}, arrays
+
+
+def answer_volume(path: Path, limits: ReadingLimits) -> Answer:
+    """Return the elements of a volume mesh as an answer of the process that reads files."""
+    mesh = read_blocks(path, limits)
+    arrays = [mesh.nodes, *(cells for _, cells in mesh.cells)]
+    return {"kinds": [kind for kind, _ in mesh.cells]}, arrays
 
 
 def _require_content(source: Source) -> None:

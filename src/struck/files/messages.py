@@ -7,7 +7,6 @@ checks its lengths, types and shapes before it takes it.
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import IO, Any
@@ -19,30 +18,44 @@ from struck.model.arrays import AnyArray
 
 # What a reading process exits with when its memory does not suffice: an answer would need some.
 OUT_OF_MEMORY = 77
+# What an answer says instead of the name of an error: the system, or a reader, has failed.
+UNREADABLE, DAMAGED = "unreadable", "damaged"
+# By task: the function that reads a file, (path, limits, **options) -> Answer.
+TASKS = {
+    "surface": "struck.files.mesh_formats:answer_surface",
+    "volume": "struck.files.mesh_formats:answer_volume",
+    "contacts": "struck.files.contact_log:answer",
+    "animation": "struck.files.gltf:answer_animation",
+    "sound": "struck.files.sound_formats:answer",
+    "sofa": "struck.files.sofa:answer",
+    "scene": "struck.scene.engines.scene_file:answer",
+}
 FORMATS = ("obj", "stl", "ply", "off", "glb", "gltf")
 PACKINGS = ("gz", "bz2", "xz", "zip")
 READERS = {".vtk": "vtk", ".vtu": "vtu", ".msh": "gmsh", ".inp": "abaqus"}
+READING_SECONDS = 10.0  # s, default processor time for a file
 _LONGEST_HEADER = 16 * 2**20
-_TYPES = {"f": "<f8", "i": "<i8"}
+_TYPES = ("<f8", "<i8", "<f4", "|u1")
+
+
+Answer = tuple[dict[str, Any], list[AnyArray]]  # plain JSON, and arrays (N, D)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadingLimits:
-    """Bounds on size, memory, time and counts within which a mesh file is read."""
+    """Bounds on size, memory, time and counts within which a foreign file is read."""
 
     size: int = 256 * 2**20  # bytes of a file with all that belongs to it, packed or not
     # bytes of address space of the reading process; held on Linux, not Windows
     memory: int = 2 * 2**30
-    seconds: float = 10.0  # processor time for one file, s; enforced where the system can
+    seconds: float = (
+        READING_SECONDS  # processor time for one file, s; enforced where the system can
+    )
     wall: float = 120.0  # time for one file by the clock, s: a busy machine is no fault of the file
     vertices: int = 15_000_000
     faces: int = 5_000_000  # triangles
     parts: int = 10_000
-
-    @property
-    def answer(self) -> int:
-        """Bytes that all vertices and faces take up together."""
-        return 24 * (self.vertices + self.faces)
+    answer: int = 2**30  # bytes of all arrays that come from a file
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -83,15 +96,22 @@ def write_frame(
     stream: IO[bytes], content: dict[str, Any], arrays: Sequence[AnyArray] = ()
 ) -> None:
     """Send JSON content and arrays (N, D) of real or integer numbers as one message."""
-    shapes = [[_TYPES[array.dtype.kind], *array.shape] for array in arrays]
+    shapes = [[_type_of(array), *array.shape] for array in arrays]
     header = json.dumps({"content": content, "arrays": shapes}).encode()
     if len(header) > _LONGEST_HEADER:
         raise ValueError(f"the header has {len(header)} bytes, and {_LONGEST_HEADER} are taken")
     _send(stream, len(header).to_bytes(8, "little") + header)
     for array in arrays:
-        plain = np.ascontiguousarray(array, dtype=_TYPES[array.dtype.kind])
+        plain = np.ascontiguousarray(array, dtype=_type_of(array))
         _send(stream, plain.reshape(-1).view(np.uint8).data)
     stream.flush()
+
+
+def _type_of(array: AnyArray) -> str:
+    """Return the type in which an array is sent: single precision and bytes stay as they are."""
+    return {"float32": "<f4", "uint8": "|u1"}.get(
+        array.dtype.name, "<f8" if array.dtype.kind == "f" else "<i8"
+    )
 
 
 def read_frame(stream: IO[bytes], *, largest: int) -> Frame:
@@ -106,11 +126,12 @@ def read_frame(stream: IO[bytes], *, largest: int) -> Frame:
     if not _is_header(header):
         raise ValueError("the header is no header")
     content, shapes = header["content"], header["arrays"]
-    if sum(8 * math.prod(shape[1:]) for shape in shapes) > largest:
+    sizes = [np.dtype(kind).itemsize * rows * columns for kind, rows, columns in shapes]
+    if sum(sizes) > largest:
         raise ValueError(f"the arrays take up more than {largest} bytes")
     arrays = [
-        _received(stream, 8 * rows * columns).view(kind).reshape(rows, columns)
-        for kind, rows, columns in shapes
+        _received(stream, size).view(kind).reshape(rows, columns)
+        for size, (kind, rows, columns) in zip(sizes, shapes, strict=True)
     ]
     return Frame(content=content, arrays=arrays)
 
@@ -124,7 +145,7 @@ def _is_header(header: object) -> bool:
         and all(
             isinstance(shape, list)
             and len(shape) == 3
-            and shape[0] in _TYPES.values()
+            and shape[0] in _TYPES
             and all(type(length) is int and 0 <= length < 2**40 for length in shape[1:])
             for shape in header["arrays"]
         )

@@ -12,13 +12,15 @@ from importlib.metadata import version
 from io import BytesIO
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from struck.errors import FileFormatError, MissingDependencyError, OptionError
-from struck.files.atomic import open_ordinary, unread, write_bytes
-from struck.model.arrays import Array
+from struck.files.atomic import require_readable, write_bytes
+from struck.files.guard import read_foreign
+from struck.files.messages import Answer, Frame, ReadingLimits
+from struck.model.arrays import AnyArray, Array
 
 if TYPE_CHECKING:
     import h5py
@@ -120,14 +122,42 @@ def _describe(holder: h5py.File | h5py.Dataset, attributes: Mapping[str, str]) -
         holder.attrs.create(name, data, dtype=kind)
 
 
-class Container:
-    """A SOFA file open for reading; `opened` adds the file's name to its errors."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Dataset:
+    """A variable of a SOFA file."""
 
-    def __init__(self, file: h5py.File) -> None:
-        self._file = file
+    shape: tuple[int, ...]
+    are_numbers: bool  # in this file
+    attributes: Mapping[str, str]
+    values: Array  # of that shape; none where there is a problem
+    problem: str = ""  # why it is not
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Container:
+    """Contents of a SOFA file; `opened` adds the file's name to its errors."""
+
+    attributes: Mapping[str, str]
+    variables: Mapping[str, Dataset]
+
+    @classmethod
+    def of(cls, frame: Frame) -> Container:
+        """Return the contents that an answer holds."""
+        arrays = iter(frame.arrays)
+        variables = {
+            name: Dataset(
+                shape=tuple(shape),
+                are_numbers=are_numbers,
+                attributes=texts,
+                values=np.zeros(0) if problem else next(arrays).reshape(shape),
+                problem=problem,
+            )
+            for name, shape, are_numbers, texts, problem in frame.content["variables"]
+        }
+        return cls(attributes=frame.content["attributes"], variables=variables)
 
     def __contains__(self, name: str) -> bool:
-        return name in self._file
+        return name in self.variables
 
     def require_convention(self, convention: str) -> None:
         """Refuse a file of another convention."""
@@ -141,13 +171,8 @@ class Container:
 
     def text(self, name: str, of: str | None = None) -> str:
         """Return an attribute of the file, or of a variable; "" if it is missing."""
-        holder = self._file if of is None else self._file[of]
-        value = holder.attrs.get(name)
-        if isinstance(value, np.ndarray) and value.size == 1:
-            value = value.item()
-        if isinstance(value, bytes):
-            value = value.decode(_CHARACTERS, errors="replace")
-        return value.strip() if isinstance(value, str) else ""
+        attributes = self.attributes if of is None else self._variable(of).attributes
+        return attributes.get(name, "")
 
     def shape(self, name: str) -> tuple[int, ...]:
         """Return the shape of a variable."""
@@ -156,17 +181,14 @@ class Container:
     def numbers(self, name: str, *shapes: tuple[int, ...], gaps: bool = False) -> Array:
         """Return a variable that has one of some shapes and is finite, or NaN with `gaps`."""
         variable = self._variable(name)
-        if math.prod(variable.shape) > MOST_VALUES:
-            raise FileFormatError(
-                f"its variable {name} has shape {variable.shape}, more than {MOST_VALUES:,} "
-                "numbers: split the file"
-            )
+        if variable.problem:
+            raise FileFormatError(f"its variable {name} {variable.problem}")
         if shapes and variable.shape not in shapes:
             raise FileFormatError(
                 f"its variable {name} has shape {variable.shape}, and "
                 f"{' or '.join(map(str, shapes))} is demanded: save it again with a SOFA library"
             )
-        values = np.asarray(variable[...], dtype=np.float64)
+        values = variable.values
         bad_count = np.count_nonzero(np.isinf(values) if gaps else ~np.isfinite(values))
         if bad_count:
             raise FileFormatError(
@@ -208,40 +230,89 @@ class Container:
             "'spherical' in 'degree, degree, metre' is read: save it again with a SOFA library"
         )
 
-    def _variable(self, name: str) -> h5py.Dataset:
-        import h5py
-
-        dataset = self._file.get(name)
-        if not isinstance(dataset, h5py.Dataset):
+    def _variable(self, name: str) -> Dataset:
+        if name not in self.variables:
             raise FileFormatError(
                 f"its variable {name} is missing: save it again with a SOFA library"
             )
-        if dataset.dtype.kind not in "fiu" or dataset.external or dataset.is_virtual:
-            raise FileFormatError(
-                f"its variable {name} holds {dataset.dtype} or lies in another file, and numbers "
-                "in this one are read: save it again with a SOFA library"
-            )
-        return dataset
+        if (variable := self.variables[name]).are_numbers:
+            return variable
+        raise FileFormatError(f"its variable {name} {variable.problem}")
 
 
 @contextmanager
 def opened(path: str | os.PathLike[str]) -> Iterator[Container]:
-    """Open a file for reading; errors inside become one FileFormatError that names the file."""
-    h5py = _library()
+    """Read a file; errors inside become one FileFormatError that names the file."""
+    _library()
+    require_readable(path)
     try:
-        open_ordinary(path).close()  # HDF5 would wait for a pipe
-        with h5py.File(Path(path), "r") as file:
-            yield Container(file)
+        yield read_foreign("sofa", path, Container.of, advice="split the file")
     except FileFormatError as error:
         raise FileFormatError(f"{path}: {error}") from error
-    except FileNotFoundError as error:
-        raise FileFormatError(f"{path} {unread(path, error)}") from error
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileFormatError(f"{path}: {_no_hdf5(error)}") from error
+
+
+def answer(path: Path, limits: ReadingLimits) -> Answer:
+    """Return the texts and numbers of a SOFA file as an answer.
+
+    The content has the `attributes` of the file, and of each of its `variables` the name, the
+    shape, whether it holds numbers, the attributes and why it is not read, or ""; the arrays of the
+    others follow.
+    """
+    h5py = _library()
+    variables: list[Any] = []
+    arrays: list[AnyArray] = []
+    rest = min(MOST_VALUES, limits.answer // 8)
+    try:
+        with h5py.File(path, "r") as file:
+            attributes = _texts(file)
+            for name, dataset in file.items():
+                if not isinstance(dataset, h5py.Dataset):
+                    continue
+                shape, problem = dataset.shape or (), ""
+                are_numbers = dataset.dtype.kind in "fiu"
+                are_numbers &= not (dataset.external or dataset.is_virtual)
+                if not are_numbers:
+                    problem = (
+                        f"holds {dataset.dtype} or lies in another file, and numbers in this one "
+                        "are read: save it again with a SOFA library"
+                    )
+                elif math.prod(shape) > rest:
+                    problem = (
+                        f"has shape {shape}, and files of more than {MOST_VALUES:,} numbers are "
+                        "not read: split the file"
+                    )
+                else:
+                    rest -= math.prod(shape)
+                    values = np.asarray(dataset[...], np.float64)
+                    arrays.append(values.reshape(1, values.size))
+                variables.append([name, list(shape), are_numbers, _texts(dataset), problem])
     except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
-        reason = " ".join(str(error).split())[:160]
-        raise FileFormatError(
-            f"{path}: it cannot be read as HDF5, the container of SOFA files ({reason}): it is "
-            "truncated, damaged or another format; fetch it again"
-        ) from error
+        raise FileFormatError(_no_hdf5(error)) from error
+    return {"attributes": attributes, "variables": variables}, arrays
+
+
+def _no_hdf5(error: Exception) -> str:
+    reason = " ".join(str(error).split())[:160]
+    return (
+        f"it cannot be read as HDF5, the container of SOFA files ({reason}): it is truncated, "
+        "damaged or another format; fetch it again"
+    )
+
+
+def _texts(holder: h5py.File | h5py.Dataset) -> dict[str, str]:
+    """Return the attributes of a file or a variable that are texts."""
+    texts: dict[str, str] = {}
+    for name, attribute in holder.attrs.items():
+        value = attribute
+        if isinstance(value, np.ndarray) and value.size == 1:
+            value = value.item()
+        if isinstance(value, bytes):
+            value = value.decode(_CHARACTERS, errors="replace")
+        if isinstance(value, str):
+            texts[name] = value.strip()
+    return texts
 
 
 def _library() -> ModuleType:

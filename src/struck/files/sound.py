@@ -7,14 +7,13 @@ import html
 import os
 import re
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import OptionError, rounded
 from struck.files import wav
-from struck.files.atomic import read_bytes, write_bytes
+from struck.files.atomic import write_bytes
 from struck.model.arrays import Array, checked, require_number
 
 LARGEST = float(np.finfo(np.float32).max)  # of a sample
@@ -109,9 +108,9 @@ class Sound:
         MissingDependencyError
             If soundfile, which reads all but WAV, is not installed.
         """
-        from struck.files.sound_formats import decoded
+        from struck.files.sound_formats import load_recording
 
-        recording = decoded(read_bytes(path), Path(path).suffix.lower(), str(path))
+        recording = load_recording(path)
         factor, calibrated = _read_level(recording.comment)
         # The factor of a sound near the least 32-bit number is itself beyond their range.
         samples = (recording.samples / np.float64(factor)).astype(np.float32)

@@ -10,15 +10,18 @@ import os
 import re
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from struck.errors import FileFormatError, MissingDependencyError, OptionError, rounded
 from struck.files import wav
-from struck.files.atomic import ended
+from struck.files.atomic import ended, open_ordinary, read_bytes, require_readable
+from struck.files.guard import read_foreign
+from struck.files.messages import Answer, Frame, ReadingLimits
+from struck.model.arrays import AnyArray
 
 # By ending: the format's name, and its encodings as libsndfile calls them, the best one first.
 _INTEGERS = {"int24": "PCM_24", "int16": "PCM_16"}
@@ -31,6 +34,7 @@ _FORMATS: Mapping[str, tuple[str, Mapping[str, str]]] = {
     ".mp3": ("MP3", {"mp3": "MPEG_LAYER_III"}),
 }
 ENDINGS = tuple(_FORMATS)
+_FRAMES_AT_ONCE = 2**18
 
 
 def chosen(path: str | os.PathLike[str], encoding: str | None = None) -> tuple[str, str]:
@@ -98,19 +102,97 @@ def encoded(recording: wav.Recording, ending: str, encoding: str) -> bytes:
 
 
 def decoded(data: bytes, ending: str, name: str = "the file") -> wav.Recording:
-    """Return the samples in the bytes of a sound file; FileFormatError if they are damaged."""
-    if ending not in _FORMATS or ending == ".wav":
+    """Return the samples in the bytes that `encoded` made."""
+    if ending == ".wav":
         return wav.decode(data, name)
-    soundfile = _soundfile(_FORMATS[ending][0])
-    try:
-        with soundfile.SoundFile(io.BytesIO(data)) as file:
-            samples: NDArray[np.float32] = file.read(dtype="float32", always_2d=True).T
-            rate, comment = int(file.samplerate), str(file.comment)
-    except RuntimeError as error:
-        raise FileFormatError(
-            f"{name} cannot be read as a sound ({error}): copy it again"
-        ) from None
+    with _soundfile(_FORMATS[ending][0]).SoundFile(io.BytesIO(data)) as file:
+        samples = file.read(dtype="float32", always_2d=True).T
+        rate, comment = int(file.samplerate), str(file.comment)
     return wav.Recording(samples=np.ascontiguousarray(samples), sample_rate=rate, comment=comment)
+
+
+def load_recording(path: str | os.PathLike[str]) -> wav.Recording:
+    """Read a sound file; FileFormatError on a damaged or another file, or beyond the limits."""
+    ending = Path(path).suffix.lower()
+    if ending not in _FORMATS or ending == ".wav":
+        return wav.decode(read_bytes(path), str(path))
+    require_readable(path)
+    try:
+        sound = read_coded(path, "float32")
+    except FileFormatError as error:
+        raise FileFormatError(f"{path}: {error}") from None
+    if sound.problem:
+        raise FileFormatError(f"{path} cannot be read as a sound ({sound.problem}): copy it again")
+    return wav.Recording(
+        samples=sound.samples, sample_rate=sound.sample_rate, comment=sound.comment
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CodedSound:
+    """What soundfile reads from a file."""
+
+    samples: AnyArray  # (C, n), in single or double precision
+    sample_rate: int  # Hz
+    comment: str
+    frames: int  # number of samples of a channel that the file states
+    problem: str  # why it is no sound; "" where it is one
+
+
+def read_coded(path: str | os.PathLike[str], precision: str) -> CodedSound:
+    """Read a file by soundfile, in the process that reads foreign files.
+
+    FileFormatError, without the file's name, on one beyond the limits.
+    """
+    _soundfile(_FORMATS.get(Path(path).suffix.lower(), ("other", {}))[0])
+    return read_foreign(
+        "sound", path, _sound_of, advice="cut it into parts", options={"precision": precision}
+    )
+
+
+def _sound_of(frame: Frame) -> CodedSound:
+    """Return the sound that an answer holds."""
+    (samples,), content = frame.arrays, frame.content
+    return CodedSound(
+        samples=samples,
+        sample_rate=int(content["rate"]),
+        comment=str(content["comment"]),
+        frames=int(content["frames"]),
+        problem=str(content["problem"]),
+    )
+
+
+def answer(path: Path, limits: ReadingLimits, *, precision: str) -> Answer:
+    """Return the samples of a sound file as an answer, in `precision`, a name of NumPy's."""
+    dtype = np.dtype(precision)
+    content: dict[str, Any] = {"rate": 0, "comment": "", "frames": 0, "problem": ""}
+    soundfile = _soundfile("these")
+    try:
+        with open_ordinary(path) as raw, soundfile.SoundFile(raw) as file:
+            channels, largest = file.channels, limits.answer // dtype.itemsize
+            content |= {"rate": int(file.samplerate), "frames": int(file.frames)}
+            content["comment"] = str(file.comment)
+            # A file may state more than it holds, and pack silence a thousand to one.
+            pieces: list[AnyArray] = []
+            size = 0
+            while len(piece := file.read(_FRAMES_AT_ONCE, dtype=precision, always_2d=True)):
+                size += piece.size
+                if size > largest:
+                    raise FileFormatError(
+                        f"it holds more than {largest:,} samples of its {channels} channels, and "
+                        "no more are read: cut it into parts"
+                    )
+                pieces.append(piece.T)
+    except (RuntimeError, TypeError) as error:  # soundfile's errors, and of raw samples
+        reason = re.sub("Error opening <.*?>: |Error : ", "", str(error)).rstrip(".")
+        return {**content, "problem": reason}, [np.zeros((0, 0), dtype)]
+    samples = np.empty((channels, size // channels), dtype)
+    start = 0
+    while pieces:  # each piece is let go as soon as it is copied
+        piece = pieces.pop(0)
+        samples[:, start : start + piece.shape[1]] = piece
+        start += piece.shape[1]
+    return content, [samples]
 
 
 def _soundfile(name: str) -> Any:  # noqa: ANN401 - a module

@@ -7,21 +7,27 @@ from __future__ import annotations
 
 import contextlib
 import faulthandler
+import importlib
 import json
 import os
 import signal
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from struck.errors import MeshError, MissingDependencyError
-from struck.files.messages import OUT_OF_MEMORY, ReadingLimits, read_frame, write_frame
-from struck.model.arrays import AnyArray
+from struck.errors import StruckError
+from struck.files.messages import (
+    DAMAGED,
+    OUT_OF_MEMORY,
+    TASKS,
+    UNREADABLE,
+    Answer,
+    ReadingLimits,
+    read_frame,
+    write_frame,
+)
 
 _GRACE = 2.0  # s, after which a question ends the process if its parent has not
-
-Answer = tuple[dict[str, Any], list[AnyArray]]
 
 
 def main() -> None:
@@ -37,8 +43,8 @@ def main() -> None:
         while True:
             question = read_frame(sys.stdin.buffer, largest=0).content
             # The asker ends this process in time, unless it has died itself.
-            faulthandler.dump_traceback_later(limits.wall + _GRACE, exit=True)
-            _give(limits.seconds)
+            faulthandler.dump_traceback_later(question["wall"] + _GRACE, exit=True)
+            _give(question["seconds"])
             try:
                 write_frame(answers, *_answer(question, limits))
             except MemoryError:
@@ -67,33 +73,16 @@ def _confine(memory: int) -> None:
 
 
 def _answer(question: dict[str, Any], limits: ReadingLimits) -> Answer:
+    """Return the answer of a task, or the error that its reader raises."""
     try:
-        return _TASKS[question["task"]](Path(question["path"]), limits)
-    except (MeshError, MissingDependencyError) as error:
+        module, _, name = TASKS[question["task"]].partition(":")
+        read = getattr(importlib.import_module(module), name)
+        return read(Path(question["path"]), limits, **question["options"])
+    except StruckError as error:
         return {"error": type(error).__name__, "message": str(error)}, []
     except OSError as error:
-        message = f"it cannot be read ({error.strerror or error}): check the disk it is on"
-        return {"error": "MeshError", "message": message}, []
-
-
-def _surface(path: Path, limits: ReadingLimits) -> Answer:
-    from struck.files.mesh_formats import parse
-
-    mesh = parse(path, limits)
-    arrays = [array for part in mesh.parts for array in (part.points, part.faces)]
-    names = [part.name for part in mesh.parts]
-    return {"kind": mesh.kind, "names": names, "beside": mesh.beside}, arrays
-
-
-def _volume(path: Path, limits: ReadingLimits) -> Answer:
-    from struck.files.mesh_formats import read_blocks
-
-    mesh = read_blocks(path, limits)
-    arrays = [mesh.nodes, *(cells for _, cells in mesh.cells)]
-    return {"kinds": [kind for kind, _ in mesh.cells]}, arrays
-
-
-_TASKS: dict[str, Callable[[Path, ReadingLimits], Answer]] = {
-    "surface": _surface,
-    "volume": _volume,
-}
+        return {"error": UNREADABLE, "message": error.strerror or str(error)}, []
+    except MemoryError:
+        raise
+    except Exception as error:  # noqa: BLE001 - a reader of foreign bytes may raise anything
+        return {"error": DAMAGED, "message": f"{type(error).__name__}: {error}"}, []

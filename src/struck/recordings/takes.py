@@ -22,6 +22,7 @@ from struck.files import wav
 from struck.files.atomic import is_file, is_folder, read_bytes, real
 from struck.files.recognition import another_kind
 from struck.files.sound import Sound
+from struck.files.sound_formats import read_coded
 from struck.model.arrays import Array, Mask, checked
 from struck.model.provenance import Progress, silent
 from struck.model.survey import SYMMETRIES
@@ -214,26 +215,25 @@ def _require_lossless(path: Path, head: bytes) -> None:
 
 def _read_other(path: Path, reason: str) -> tuple[Array, int]:
     try:
-        import soundfile
-    except ImportError as error:
+        sound = read_coded(path, "float64")
+    except MissingDependencyError as error:
         raise MissingDependencyError(
             f"{reason}; to read others: pip install struck[recordings]"
         ) from error
-    try:
-        with soundfile.SoundFile(path) as file:
-            frame_count, rate = file.frames, file.samplerate
-            _require_brief(frame_count * file.channels, str(path))
-            samples = np.asarray(file.read(dtype="float64", always_2d=True), float).T
-    except (soundfile.SoundFileError, RuntimeError, TypeError) as error:
+    except FileFormatError as error:
+        raise FileFormatError(f"{path}: {error}") from error
+    if sound.problem:
         reason_for_refusal = another_kind(path, "sound") or (
-            f"is no sound file that is read ({error}): convert it to WAV or FLAC"
+            f"is no sound file that is read ({sound.problem}): convert it to WAV or FLAC"
         )
-        raise FileFormatError(f"{path} {reason_for_refusal}") from error
-    if samples.shape[1] < frame_count:
+        raise FileFormatError(f"{path} {reason_for_refusal}")
+    samples = sound.samples
+    _require_brief(samples.size, str(path))
+    if samples.shape[1] < sound.frames:
         raise FileFormatError(
-            f"{path} is cut short: it should have {frame_count} samples and has {samples.shape[1]}"
+            f"{path} is cut short: it should have {sound.frames} samples and has {samples.shape[1]}"
         )
-    return samples, rate
+    return samples, sound.sample_rate
 
 
 _PULSE, _QUIET_TIME = 0.002, 0.1  # half of a blow, and from its peak until all is quiet again, s

@@ -339,9 +339,14 @@ def _sort_rows(columns: dict[str, AnyArray]) -> tuple[Index, tuple[str, ...]]:
 
 def _names(names: Sequence[str]) -> tuple[str, ...]:
     body_names = tuple(names)
-    duplicates = sorted({name for name in body_names if body_names.count(name) > 1})
-    if duplicates or not all(body_names):
+    duplicate_names = sorted({name for name in body_names if body_names.count(name) > 1})
+    if duplicate_names or not all(body_names):
         raise OptionError(f"names are {body_names}: give each body a different name")
+    for name in body_names:
+        try:
+            name.encode()
+        except UnicodeEncodeError as error:
+            raise OptionError(f"the name {name!r} is no text ({error.reason}): rename it") from None
     return body_names
 
 

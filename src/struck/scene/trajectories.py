@@ -21,16 +21,15 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation
 
-from struck.errors import FileFormatError, OptionError, counted
-from struck.files.archives import open_source
-from struck.files.gltf import read_animation
-from struck.files.messages import ReadingLimits
+from struck.errors import FileFormatError, MeshError, OptionError, counted
+from struck.files.atomic import require_readable
+from struck.files.gltf import motions_of
+from struck.files.guard import read_foreign
 from struck.model.arrays import Array, Index, checked
 from struck.model.mesh import Mesh
 from struck.scene.body import Body, Scene
@@ -163,13 +162,11 @@ def load_animation(path: str | os.PathLike[str]) -> Contacts:
     ------
     FileFormatError
         If the file cannot be read, or nothing moves in it.
-    MeshError
-        If the file cannot be read, or nothing moves in it.
     """
-    limits = ReadingLimits()
+    require_readable(path)
     try:
-        animations = read_animation(open_source(Path(path), limits), limits)
-    except (KeyError, IndexError, TypeError, ValueError) as error:
+        animations = read_foreign("animation", path, motions_of, advice="export fewer nodes")
+    except (FileFormatError, MeshError) as error:
         raise FileFormatError(f"{path} has no animation that can be read: {error}") from None
     if not animations:
         raise FileFormatError(f"{path} has no animation of a mesh: export it with one")

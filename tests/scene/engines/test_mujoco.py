@@ -397,6 +397,11 @@ def test_robots_are_read_with_their_packages_and_what_is_seen_of_them(tmp_path: 
         ('<!DOCTYPE a [<!ENTITY b "c">]><mujoco>&b;</mujoco>', "declares entities"),
         ("<sdf/>", "begins with <sdf>"),
         ("no scene", "is no XML"),
+        ("<mujoco>" + 401 * "<body>" + 401 * "</body>" + "</mujoco>", "402 deep in each other"),
+        (
+            '<mujoco><asset><hfield nrow="60000" ncol="60000" size="1 1 1 1"/></asset></mujoco>',
+            "it is damaged, or another format",
+        ),
     ],
 )
 def test_hostile_scene_files_are_refused(tmp_path: Path, text: str, said: str) -> None:
@@ -406,6 +411,24 @@ def test_hostile_scene_files_are_refused(tmp_path: Path, text: str, said: str) -
     path = folder / "scene.xml"
     path.write_text(text.replace("{root}", str(tmp_path)))
     with pytest.raises(FileFormatError, match=said):
+        Simulation(path)
+
+
+def test_files_that_include_each_other_twice_are_not_read_a_million_times(tmp_path: Path) -> None:
+    for number in range(21):
+        twice = f'<include file="{number + 1}.xml"/>' * 2 * (number < 20)
+        (tmp_path / f"{number}.xml").write_text(f"<mujoco>{twice}</mujoco>")
+    with pytest.raises(FileFormatError, match="includes or attaches more than 1000 files"):
+        Simulation(tmp_path / "0.xml")
+
+
+@pytest.mark.prove
+def test_a_hundred_million_copies_end_with_their_time(tmp_path: Path) -> None:
+    body = '<body><geom size=".1"/></body>'
+    copies = f'<replicate count="100000000">{body}</replicate>'
+    path = tmp_path / "copies.xml"
+    path.write_text(f"<mujoco><worldbody>{copies}</worldbody></mujoco>")
+    with pytest.raises(FileFormatError, match="took more than 10 s of the processor: take some"):
         Simulation(path)
 
 

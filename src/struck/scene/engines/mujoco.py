@@ -58,8 +58,8 @@ class MujocoRecorder:
         import mujoco
 
         if not isinstance(model, mujoco.MjModel):
-            expected = "a mujoco.MjModel, as of mujoco.MjModel.from_xml_path(path)"
-            raise ArgumentError(f"model is {model!r}: MujocoRecorder takes {expected}")
+            expected_type = "a mujoco.MjModel, as of mujoco.MjModel.from_xml_path(path)"
+            raise ArgumentError(f"model is {model!r}: MujocoRecorder takes {expected_type}")
         self._mujoco, self._model = mujoco, model
         self.links = tuple(links) or tuple(links_of(model))
         self._owners = owners(model, self.links)

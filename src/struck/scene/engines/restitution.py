@@ -194,13 +194,15 @@ class ContactLaws:
             values = getattr(self, name)
             for pair in values if isinstance(values, Mapping) else ():
                 if not _is_pair(pair) or not any(
-                    _match_both(each, pair) for each in permutations(self.materials, 2)
+                    _match_both(couple, pair) for couple in permutations(self.materials, 2)
                 ):
                     patterns, names = pair if _is_pair(pair) else (str(pair),), self.materials
                     unknown_patterns = [
-                        each for each in patterns if not any(fnmatchcase(k, each) for k in names)
+                        pattern
+                        for pattern in patterns
+                        if not any(fnmatchcase(k, pattern) for k in names)
                     ]
-                    suggestion = "".join(nearest(each, names) for each in unknown_patterns)
+                    suggestion = "".join(nearest(pattern, names) for pattern in unknown_patterns)
                     raise OptionError(
                         f"{name} names {' and '.join(map(repr, patterns))}, which fit no two of "
                         f"{', '.join(map(repr, names))}: {suggestion}give two names or patterns, "

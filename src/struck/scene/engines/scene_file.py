@@ -4,6 +4,10 @@ MuJoCo's own reader opens whatever path a file names, discards what is only seen
 packages nowhere. So the text is first made independent of other files: files that it includes are
 inserted, and each mesh is passed as bytes, if it lies in the given folder. The same holds for
 models that a file attaches: they are read here, and joined by MuJoCo's own `attach`.
+
+All this, and MuJoCo's reading of the result, first happens in the process that reads foreign files,
+which may take too long, crash or swell. Its answer is text that needs no other file, with a limited
+number of bodies, so that MuJoCo reads it again in a moment, and the bytes of its meshes.
 """
 
 # MuJoCo is compiled, and has no stubs.
@@ -13,11 +17,14 @@ from __future__ import annotations
 
 import os
 import re
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import unquote
 from xml.etree import ElementTree as ET
+
+import numpy as np
 
 from struck.errors import (
     FileFormatError,
@@ -26,8 +33,10 @@ from struck.errors import (
     SimulationError,
     nearest,
 )
-from struck.files.atomic import is_file, read_bytes, real
+from struck.files.atomic import is_file, read_bytes, real, require_readable
+from struck.files.guard import read_foreign
 from struck.files.meshes import load_surface
+from struck.files.messages import Answer, Frame, ReadingLimits
 from struck.files.recognition import another_kind
 from struck.processes.child_process import safe_children
 
@@ -38,6 +47,10 @@ if TYPE_CHECKING:
 
 _MAX_TEXT_BYTES = 2**25  # bytes of one file of text
 _MAX_DEPTH = 20  # files that include or attach each other in a row
+_MAX_NESTING = 400  # elements: a chain of as many links; MuJoCo and Python call themselves for each
+# Bodies, and geoms: MuJoCo reads as many in about a second, in which Ctrl-C waits.
+_MAX_ELEMENTS = 20_000
+_SMALLER_SCENE = "take some bodies, copies or meshes out"
 _MAX_FILES = 1000  # that one scene includes or attaches, each as often as it does
 _ATTACHMENT_PREFIX = "|attached "  # begins the name of the frame in place of an <attach>
 _MUJOCO_SUFFIXES = {".obj", ".stl", ".msh"}
@@ -56,68 +69,113 @@ class _Attachment:
     prefix: str
 
 
-@dataclass(kw_only=True)
-class SceneFile:
-    """A scene file that needs no other file any more."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _FlatAttachment:
+    """An attachment by the number of its model."""
 
-    root: ET.Element
-    folder: Path  # nothing outside it is read
-    assets: dict[str, bytes] = field(default_factory=dict)  # shared with the models it attaches
-    notes: list[str] = field(default_factory=list)  # on omitted parts
-    attachments: list[_Attachment] = field(default_factory=list)
-    attachment_count: int = (
-        0  # number of models that are attached, those of the attached ones as well
-    )
-    files: list[Path] = field(default_factory=list)  # that were read, shared as well
+    model: int
+    name: str
+    body: str
+    prefix: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _FlatModel:
+    """A model as text that needs no other file, and what is attached to it."""
+
+    text: str
+    attachments: tuple[_FlatAttachment, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FlatScene:
+    """A scene without references to files: its models, the scene itself last, and their meshes."""
+
+    models: Sequence[_FlatModel]
+    assets: dict[str, bytes]
+    foreign_paths: dict[str, Path]  # meshes in formats that MuJoCo does not read, by name
+    notes: list[str]
 
     @classmethod
-    def of(cls, path: str | os.PathLike[str], folder: str | os.PathLike[str] | None) -> SceneFile:
-        """Read a scene file and the files it includes, all of them inside its folder."""
-        place = Path(path)
-        home = real(place.parent if folder is None else folder)
-        if not real(place).is_relative_to(home):
-            raise FileFormatError(f"{path} lies outside of {folder}: give a folder that holds it")
-        scene = cls(root=_parsed(place), folder=home)
-        if scene.root.tag == "robot":
-            scene._take_urdf(real(place).parent)
-        elif scene.root.tag == "mujoco":
-            scene._read_mjcf(real(place), ())
-        else:
-            raise FileFormatError(
-                f"{path} begins with <{scene.root.tag}>: give a model of MuJoCo (<mujoco>) or a "
-                "URDF (<robot>)"
+    def of(cls, frame: Frame) -> FlatScene:
+        """Return the scene that an answer holds; ValueError beyond the bounds."""
+        content = frame.content
+        texts = [array.tobytes() for array in frame.arrays]
+        counts = [content[name] for name in ("bodies", "geoms")]
+        if max(counts) > _MAX_ELEMENTS or sum(map(len, texts)) > content["bytes"]:
+            raise ValueError(f"it states {counts} bodies and geoms, {content['bytes']} bytes")
+        models = [
+            _FlatModel(
+                text=text.decode(), attachments=tuple(_FlatAttachment(**part) for part in parts)
             )
-        return scene
+            for text, parts in zip(texts, content["attachments"], strict=False)
+        ]
+        names = content["assets"]
+        return cls(
+            models=models,
+            assets=dict(zip(names, texts[len(models) :], strict=True)),
+            foreign_paths={name: Path(path) for name, path in content["foreign_paths"].items()},
+            notes=content["notes"],
+        )
 
-    @property
-    def is_robot(self) -> bool:
-        """Whether the file is a URDF, not an MJCF."""
-        return self.root.tag == "robot"
+    def answer(self, counts: Mapping[str, int]) -> Answer:
+        """Return the scene as an answer of the process that reads files."""
+        texts = [*(model.text.encode() for model in self.models), *self.assets.values()]
+        content = {
+            **counts,
+            "bytes": sum(map(len, texts)),
+            "attachments": [[asdict(part) for part in model.attachments] for model in self.models],
+            "assets": list(self.assets),
+            "foreign_paths": {name: str(path) for name, path in self.foreign_paths.items()},
+            "notes": self.notes,
+        }
+        return content, [np.frombuffer(text, np.uint8)[None] for text in texts]
+
+    def convert_meshes(self) -> FlatScene:
+        """Return the scene with foreign meshes as STL; without visible parts that have none."""
+        if not self.foreign_paths:
+            return self
+        assets, notes = dict(self.assets), list(self.notes)
+        root = ET.fromstring(self.models[-1].text)  # noqa: S314 - written by us
+        for name, path in self.foreign_paths.items():
+            try:
+                assets[name] = _stl(load_surface(path))
+            except (MeshError, MissingDependencyError) as error:
+                link_names = _drop_visible(root, name)
+                if not link_names:
+                    raise
+                notes += [f"what is seen of {link!r} was left out ({error})" for link in link_names]
+        last = replace(self.models[-1], text=ET.tostring(root, encoding="unicode"))
+        models = [*self.models[:-1], last]
+        return FlatScene(models=models, assets=assets, foreign_paths={}, notes=notes)
 
     def spec(self) -> mujoco.MjSpec:
         """Return MuJoCo's specification; SimulationError with MuJoCo's own words where it fails."""
-        mujoco = mujoco_itself()
-        text = ET.tostring(self.root, encoding="unicode")
+        return self._spec(len(self.models) - 1)
+
+    def _spec(self, number: int) -> mujoco.MjSpec:
+        """Return the specification of a model and what is attached to it."""
+        model = self.models[number]
         try:
-            spec = mujoco.MjSpec.from_string(text, assets=self.assets)
-            self._attach(spec)
+            spec = mujoco_itself().MjSpec.from_string(model.text, assets=self.assets)
+            self._attach(spec, model)
         except FileFormatError:
             raise
         except ValueError as error:
             raise SimulationError(f"MuJoCo cannot read the scene: {error}") from None
-        if self.is_robot:
-            self._let_go(spec)
+        if model.text.startswith("<robot"):
+            _let_go(spec)
         return spec
 
-    def _attach(self, spec: mujoco.MjSpec) -> None:
+    def _attach(self, spec: mujoco.MjSpec, model: _FlatModel) -> None:
         """Join the attached models to a specification, at the frames in place of <attach>."""
         for frame in [
             element for element in spec.frames if element.name.startswith(_ATTACHMENT_PREFIX)
         ]:
             # <replicate> ends the names of its copies, as it does those of their bodies.
             number, _, suffix = frame.name.removeprefix(_ATTACHMENT_PREFIX).partition("|")
-            attachment = self.attachments[int(number)]
-            child = attachment.model.spec()
+            attachment = model.attachments[int(number)]
+            child = self._spec(attachment.model)
             if not attachment.body:
                 spec.attach(child, frame=frame, prefix=attachment.prefix, suffix=suffix)
                 continue
@@ -130,6 +188,104 @@ class SceneFile:
                     f"{nearest(attachment.body, names)}give one of these"
                 )
             frame.attach_body(body, attachment.prefix, suffix)
+
+
+def load_scene(
+    path: str | os.PathLike[str], folder: str | os.PathLike[str] | None = None
+) -> FlatScene:
+    """Read a scene file and the files it names, all of them inside its folder.
+
+    FileFormatError where one is missing, damaged or outside, or all are beyond the bounds;
+    SimulationError where MuJoCo cannot read the scene.
+    """
+    home = real(Path(path).parent if folder is None else folder)
+    if not real(path).is_relative_to(home):
+        raise FileFormatError(f"{path} lies outside of {folder}: give a folder that holds it")
+    require_readable(path)
+    mujoco_itself()
+    options = {"folder": str(home), "display_name": str(path)}
+    try:
+        scene = read_foreign("scene", path, FlatScene.of, advice=_SMALLER_SCENE, options=options)
+    except FileFormatError as error:
+        prefix = "" if str(path) in str(error) else f"{path}: "
+        raise FileFormatError(f"{prefix}{error}") from None
+    return scene.convert_meshes()
+
+
+def answer(path: Path, limits: ReadingLimits, *, folder: str, display_name: str) -> Answer:
+    """Return a scene without references to files as an answer, once MuJoCo has read it."""
+    file = SceneFile.of(path, Path(folder), display_name)
+    scene = file.flatten()
+    size = sum(map(len, scene.assets.values()))
+    if size > limits.size:
+        raise FileFormatError(
+            f"its meshes take up {size} bytes, and {limits.size} are read: {_SMALLER_SCENE}"
+        )
+    spec = scene.spec()
+    counts = {"bodies": len(spec.bodies), "geoms": len(spec.geoms)}
+    for name, count in counts.items():
+        if count > _MAX_ELEMENTS:
+            raise FileFormatError(
+                f"it has {count} {name}, and {_MAX_ELEMENTS} are read: {_SMALLER_SCENE}"
+            )
+    return scene.answer(counts)
+
+
+@dataclass(kw_only=True)
+class SceneFile:
+    """A scene file that needs no other file any more."""
+
+    root: ET.Element
+    folder: Path  # nothing outside it is read
+    assets: dict[str, bytes] = field(default_factory=dict)  # shared with the models it attaches
+    foreign_paths: dict[str, Path] = field(default_factory=dict)  # shared as well
+    notes: list[str] = field(default_factory=list)  # on omitted parts
+    attachments: list[_Attachment] = field(default_factory=list)
+    attachment_count: int = (
+        0  # number of models that are attached, those of the attached ones as well
+    )
+    files: list[Path] = field(default_factory=list)  # that were read, shared as well
+
+    @classmethod
+    def of(cls, path: Path, folder: Path, display_name: str) -> SceneFile:
+        """Read a scene file and the files it includes; `display_name` is its name in errors."""
+        scene = cls(root=_parsed(path, display_name), folder=folder)
+        if scene.root.tag == "robot":
+            scene._take_urdf(real(path).parent)
+        elif scene.root.tag == "mujoco":
+            scene._read_mjcf(real(path), ())
+        else:
+            raise FileFormatError(
+                f"{display_name} begins with <{scene.root.tag}>: give a model of MuJoCo "
+                "(<mujoco>) or a URDF (<robot>)"
+            )
+        return scene
+
+    def flatten(self) -> FlatScene:
+        """Return the scene as texts, each after those that are attached to it."""
+        models: list[_FlatModel] = []
+        self.add_flat(models)
+        return FlatScene(
+            models=models,
+            assets=self.assets,
+            foreign_paths=self.foreign_paths,
+            notes=self.notes,
+        )
+
+    def add_flat(self, models: list[_FlatModel]) -> int:
+        """Add the texts of this model and of those it attaches; return its number."""
+        attachments = tuple(
+            _FlatAttachment(
+                model=attachment.model.add_flat(models),
+                name=attachment.name,
+                body=attachment.body,
+                prefix=attachment.prefix,
+            )
+            for attachment in self.attachments
+        )
+        text = ET.tostring(self.root, encoding="unicode")
+        models.append(_FlatModel(text=text, attachments=attachments))
+        return len(models) - 1
 
     # MJCF.
 
@@ -174,7 +330,11 @@ class SceneFile:
         if path in chain or len(chain) == _MAX_DEPTH:
             raise FileFormatError(f"{path} attaches itself: take one of the two out")
         model = SceneFile(
-            root=self._parsed(path), folder=self.folder, assets=self.assets, files=self.files
+            root=self._parsed(path),
+            folder=self.folder,
+            assets=self.assets,
+            foreign_paths=self.foreign_paths,
+            files=self.files,
         )
         if model.root.tag != "mujoco":
             raise FileFormatError(
@@ -253,27 +413,12 @@ class SceneFile:
             section = ET.SubElement(self.root, "mujoco") if section is None else section
             options = ET.SubElement(section, "compiler")
         options.attrib.update(strippath="false", discardvisual="false", fusestatic="false")
-        for link in self.root.iter("link"):
-            for part in list(link):
-                mesh = part.find("geometry/mesh")
-                if mesh is not None:
-                    self._take_urdf_mesh(link, part, mesh, home / meshes)
+        for mesh in self.root.findall(".//link/*/geometry/mesh"):
+            file = mesh.get("filename", "")
+            mesh.set("filename", self._asset(self._locate_file(file, home / meshes)))
         for parent in self.root.iter("material"):
             for child in parent.findall("texture"):
                 parent.remove(child)
-
-    def _take_urdf_mesh(
-        self, link: ET.Element, part: ET.Element, mesh: ET.Element, home: Path
-    ) -> None:
-        file = mesh.get("filename", "")
-        try:
-            mesh.set("filename", self._asset(self._locate_file(file, home)))
-        except (MeshError, MissingDependencyError) as error:
-            if part.tag != "visual":
-                raise
-            link.remove(part)
-            name = link.get("name", "")
-            self.notes.append(f"what is seen of {name!r} was left out ({error})")
 
     def _locate_file(self, file: str, home: Path) -> Path:
         """Return the path of a file that a URDF names by package, URL or relative path."""
@@ -287,12 +432,6 @@ class SceneFile:
             up / relative_path for up in (home, *home.parents) if up.is_relative_to(self.folder)
         ]
         return self._require_inside(next(filter(is_file, candidates), candidates[0]), file)
-
-    def _let_go(self, spec: mujoco.MjSpec) -> None:
-        """Let a robot's first link move, unless it is called the world, as others read URDF."""
-        first = spec.worldbody.first_body()
-        if first is not None and first.name != "world" and not list(first.joints):
-            first.add_freejoint()
 
     # Files.
 
@@ -317,10 +456,33 @@ class SceneFile:
         suffix = kind if kind in _MUJOCO_SUFFIXES | {".png", ".bin", ".gmsh"} else ".stl"
         base = _NAMES.sub("_", path.relative_to(self.folder).with_suffix("").as_posix())
         name = f"{base}_{kind[1:]}{suffix}"
-        if name not in self.assets:
-            is_unchanged = suffix == kind
-            self.assets[name] = read_bytes(path) if is_unchanged else _stl(load_surface(path))
+        if suffix != kind:
+            self.foreign_paths[name] = path
+        elif name not in self.assets:
+            self.assets[name] = read_bytes(path)
         return name
+
+
+def _let_go(spec: mujoco.MjSpec) -> None:
+    """Let a robot's first link move, unless it is called the world, as others read URDF."""
+    first = spec.worldbody.first_body()
+    if first is not None and first.name != "world" and not list(first.joints):
+        first.add_freejoint()
+
+
+def _drop_visible(root: ET.Element, name: str) -> list[str]:
+    """Remove what is only seen of a mesh; return its links, none where it also collides."""
+    parts = [
+        (link, part)
+        for link in root.iter("link")
+        for part in link
+        if any(mesh.get("filename") == name for mesh in part.findall("geometry/mesh"))
+    ]
+    if not all(part.tag == "visual" for _, part in parts):
+        return []
+    for link, part in parts:
+        link.remove(part)
+    return [link.get("name", "") for link, _ in parts]
 
 
 def mujoco_itself():  # noqa: ANN201 - a module
@@ -335,20 +497,30 @@ def mujoco_itself():  # noqa: ANN201 - a module
     return mujoco
 
 
-def _parsed(path: Path) -> ET.Element:
-    data = read_bytes(path, most=_MAX_TEXT_BYTES)
+def _parsed(path: Path, display_name: str = "") -> ET.Element:
+    """Return the content of a file of XML; `display_name` is its name in errors."""
+    data, name = read_bytes(path, most=_MAX_TEXT_BYTES), display_name or path
     if b"\0" in data:
         problem = another_kind(path, "scene") or "is no text"
-        raise FileFormatError(f"{path} {problem}; give a scene in MJCF or URDF, as scene.xml")
+        raise FileFormatError(f"{name} {problem}; give a scene in MJCF or URDF, as scene.xml")
     if any(marker in data for marker in (b"<!ENTITY", b"<!DOCTYPE")):
-        raise FileFormatError(f"{path} declares entities, which are not taken: write them out")
+        raise FileFormatError(f"{name} declares entities, which are not taken: write them out")
     try:
-        return ET.fromstring(data)  # noqa: S314 - without entities
+        root = ET.fromstring(data)  # noqa: S314 - without entities
     except (ET.ParseError, ValueError, LookupError) as error:
         problem = another_kind(path, "scene") or f"is no XML ({error})"
         raise FileFormatError(
-            f"{path} {problem}; give a scene in MJCF or URDF, as scene.xml"
+            f"{name} {problem}; give a scene in MJCF or URDF, as scene.xml"
         ) from None
+    level, depth = [root], 0
+    while level:
+        level, depth = [child for element in level for child in element], depth + 1
+    if depth > _MAX_NESTING:
+        raise FileFormatError(
+            f"{name} has elements {depth} deep in each other, and {_MAX_NESTING} are read: attach "
+            "parts to the world and connect them by equalities"
+        )
+    return root
 
 
 def _find_last(elements: list[ET.Element], name: str, default: str | Path) -> str | Path:
@@ -358,8 +530,6 @@ def _find_last(elements: list[ET.Element], name: str, default: str | Path) -> st
 
 def _stl(surface: Mesh) -> bytes:
     """Return a surface as binary STL."""
-    import numpy as np
-
     corners = surface.points[surface.faces].astype("<f4")
     rows = np.zeros(len(corners), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("o", "<u2")])
     rows["corners"], rows["normal"] = corners, surface.face_normals

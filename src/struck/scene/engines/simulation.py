@@ -26,7 +26,7 @@ from struck.scene.engines.explosion import dead, free_masses, overlaps, require_
 from struck.scene.engines.links import Link, links_of, mass_properties
 from struck.scene.engines.mujoco import MujocoEngine
 from struck.scene.engines.restitution import ContactLaws, PairValues
-from struck.scene.engines.scene_file import SceneFile, mujoco_itself
+from struck.scene.engines.scene_file import load_scene
 from struck.scene.engines.sound_sources import SoundOptions, SoundSources, model_mass
 from struck.scene.gathered_notes import QUOTED_FORM, list_names
 
@@ -160,8 +160,7 @@ class Simulation:
         )
         if not sounds.keys() <= {*names}:
             refuse_names("simulate", 1, names, (), sounds)
-        mujoco_itself()
-        scene_file = SceneFile.of(file, folder)
+        scene_file = load_scene(file, folder)
         spec = _name_all(scene_file.spec())
         if step is not None:
             spec.option.timestep = step
@@ -310,7 +309,7 @@ def _name_all(spec: mujoco.MjSpec) -> mujoco.MjSpec:
 def _compile(spec: mujoco.MjSpec) -> mujoco.MjModel:
     try:
         return spec.compile()
-    except ValueError as error:
+    except (ValueError, RuntimeError) as error:
         reason = " ".join(str(error).split())
         raise SimulationError(f"MuJoCo refuses the scene: {reason}") from None
 
