@@ -48,6 +48,7 @@ check: $(ENVIRONMENT)/lint.stamp  ## Style, types, layers, dead code, wording; a
 
 bench: $(ENVIRONMENT)/all.stamp  ## Ratios against peers
 	$(BIN)/python bench/starting.py
+	$(BIN)/python bench/reading.py
 	$(BIN)/python bench/solids.py
 	$(BIN)/python bench/meshing.py
 	$(BIN)/python bench/everyday.py --only mug,glass,table --accuracy standard
