@@ -27,6 +27,7 @@ SECONDS: dict[str, float] = {
     "tests/cli/test_control_c.py::test_moments_of_every_command[6]": 25,
     "tests/core/test_sanitizers.py": 80,
     "tests/core/test_wheels.py": 250,
+    "tests/explorer/test_connections.py": 150,
     "tests/explorer/test_jobs.py": 80,
     "tests/explorer/test_private_folder.py": 30,
     "tests/files/test_fuzz.py": 130,

@@ -103,6 +103,8 @@ class Admission:
             await send(message)
 
         answer = self._refuse(scope, request_headers) or self._welcome(scope, request_headers)
+        if answer is None or answer.status_code < 400:
+            scope["state"]["admit"]()
         try:
             await (answer or self._app)(scope, _limit_body(receive), send_with_headers)
         except TooLarge:

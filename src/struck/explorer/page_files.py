@@ -126,9 +126,8 @@ def head_bytes(name: str, sample_rate: int) -> bytes:
     OptionError
         On another name, or a sample rate that no head has.
     """
-    makers = {"kemar": _tabulate_measured, "exact": _ball}
-    require_choice("head", name, makers)
-    text, tables = makers[name](sample_rate)
+    require_choice("head", name, HEAD_MAKERS)
+    text, tables = HEAD_MAKERS[name](sample_rate)
     return pack(tables, {"format": "struck-head", "version": "1", "json": json.dumps(text)})
 
 
@@ -180,3 +179,6 @@ def _ball(sample_rate: int) -> tuple[dict[str, object], Arrays]:
     }
     responses = np.ascontiguousarray(filters.table[:, 1:], np.float32)
     return text, {"delays": np.ascontiguousarray(filters.table[:, 0]), "responses": responses}
+
+
+HEAD_MAKERS = {"kemar": _tabulate_measured, "exact": _ball}

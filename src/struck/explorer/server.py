@@ -16,6 +16,7 @@ import threading
 import time
 import webbrowser
 from collections.abc import AsyncIterator, Mapping, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -25,8 +26,10 @@ from struck.excitation.hertz import strikers
 from struck.explorer.facts import change
 from struck.explorer.jobs import PAGE_ENDING, Jobs
 from struck.explorer.objects import Thing, things
+from struck.explorer.page_files import HEAD_MAKERS, head_bytes
 from struck.explorer.placement import stand
 from struck.explorer.private_folder import PrivateFolder
+from struck.files.atomic import write_bytes
 from struck.model.arrays import checked
 from struck.model.material import materials
 from struck.model.model import ModalModel
@@ -35,12 +38,21 @@ from struck.processes.termination import orderly_end
 if TYPE_CHECKING:
     from starlette.applications import Starlette
     from starlette.requests import Request
-    from starlette.responses import Response
+    from starlette.responses import FileResponse, Response
+    from starlette.types import ASGIApp
 
 STATIC = Path(__file__).parent / "static"
 _BY_HAND = "open it in a browser"
 _END_SECONDS = 30.0  # s that an end may take: heads that are being made are waited for
-_ONE_HEAD = threading.Lock()
+_QUEUE = 4096  # connections that wait to be accepted; the system may allow less
+MAX_STREAMS = 16  # of events, one for each page; chosen by judgement
+# Sample rates of audio devices, Hz, which are those of an AudioContext.
+_HEAD_RATES = (
+    *("8000", "11025", "16000", "22050", "24000", "32000", "44100", "48000"),
+    *("88200", "96000", "176400", "192000"),
+)
+_PART_BYTES = 2**20  # of a file that is sent: in parts of 2**16 a head took 20 s under attack
+_PREPARED_RATES = ("48000", "44100")  # so that the first click need not wait
 
 
 class Explorer:
@@ -175,18 +187,19 @@ class Explorer:
             self._ended.set()
 
     async def _serve_until_stop(self) -> None:
-        import uvicorn
+        from struck.explorer.connections import Server
 
         self._loop = asyncio.get_running_loop()
         self._running.set()
-        app = application(self._jobs, port=self.port, token=self._token, ending=self._stopping)
-        config = uvicorn.Config(
-            app, log_level="critical", access_log=False, timeout_graceful_shutdown=1, ws="none"
+        # One thread: several heads at a time would hold up the changes of objects.
+        heads = ThreadPoolExecutor(1, "struck heads")
+        app = application(
+            self._jobs, heads, port=self.port, token=self._token, ending=self._stopping
         )
-        self._server = uvicorn.Server(config)
+        self._server = Server(app, self._socket)
         work = asyncio.create_task(self._jobs.run())
         ending = asyncio.create_task(self._end())
-        serving = self._server._serve(sockets=[self._socket])  # noqa: SLF001 - Ctrl-C is ours
+        serving = self._server._serve(sockets=[])  # noqa: SLF001 - Ctrl-C is ours
         try:
             await serving
         finally:
@@ -194,6 +207,7 @@ class Explorer:
             for task in (work, ending):
                 task.cancel()
             await asyncio.gather(work, ending, return_exceptions=True)
+            heads.shutdown(cancel_futures=True)
 
     async def _end(self) -> None:
         await self._stopping.wait()
@@ -313,7 +327,7 @@ def _listening(port: int) -> socket.socket:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listening.bind(("127.0.0.1", port))
-        listening.listen(64)
+        listening.listen(_QUEUE)
     except OSError as error:
         listening.close()
         reason = error.strerror or error
@@ -326,8 +340,13 @@ def _listening(port: int) -> socket.socket:
 # The application
 
 
-def application(jobs: Jobs, *, port: int, token: str, ending: asyncio.Event) -> Starlette:
-    """Return the pages, models and changes as an ASGI application behind its guard."""
+def application(
+    jobs: Jobs, heads: Executor, *, port: int, token: str, ending: asyncio.Event
+) -> Starlette:
+    """Return the pages, models and changes as an ASGI application behind its guard.
+
+    Tables of heads are made in `heads`, whose one thread makes each once.
+    """
     from starlette.applications import Starlette
     from starlette.middleware import Middleware
     from starlette.routing import Mount, Route
@@ -337,11 +356,11 @@ def application(jobs: Jobs, *, port: int, token: str, ending: asyncio.Event) -> 
 
     for ending_of_name, kind in ((".js", "text/javascript"), (".wasm", "application/wasm")):
         mimetypes.add_type(kind, ending_of_name)  # which a system's own table may lack
-    answers = _Answers(jobs, ending)
+    answers = _Answers(jobs, heads, ending)
     routes = [
         Route("/", answers.page),
         Route("/static/core.wasm", answers.core),
-        Route("/static/heads/{name}-{rate:int}.bin", answers.head),
+        Route("/static/heads/{name}-{rate}.bin", answers.head),
         Mount("/static", StaticFiles(directory=STATIC)),
         Route("/api/room", answers.room),
         Route("/api/events", answers.events),
@@ -356,35 +375,38 @@ def application(jobs: Jobs, *, port: int, token: str, ending: asyncio.Event) -> 
 class _Answers:
     """Answers to requests, one method an address."""
 
-    def __init__(self, jobs: Jobs, ending: asyncio.Event) -> None:
+    def __init__(self, jobs: Jobs, heads: Executor, ending: asyncio.Event) -> None:
         self._jobs = jobs
+        self._heads = heads
         self._ending = ending
-        self._heads: asyncio.Task[None] | None = None
+        self._is_prepared = False
+        self._stream_count = 0
 
     async def page(self, _request: Request) -> Response:
         from starlette.responses import HTMLResponse
 
-        if self._heads is None:
-            self._heads = asyncio.create_task(asyncio.to_thread(_prepare_heads))
+        if not self._is_prepared:
+            self._is_prepared = True
+            for rate in _PREPARED_RATES:
+                self._heads.submit(_write_head, self._jobs.folder, "kemar", rate)
         return HTMLResponse((STATIC / "index.html").read_bytes())
 
     async def core(self, _request: Request) -> Response:
-        from starlette.responses import FileResponse
-
         path = LIBRARIES / "core.wasm"
         if not path.is_file():
             return _refusal("this struck was installed without core.wasm: install it again", 404)
-        return FileResponse(path, media_type="application/wasm")
+        return _file(path, "application/wasm")
 
     async def head(self, request: Request) -> Response:
-        from starlette.responses import Response
-
         name, rate = request.path_params["name"], request.path_params["rate"]
         try:
-            data = await asyncio.to_thread(_head, name, rate)
-        except StruckError as error:
+            require_choice("head", name, HEAD_MAKERS)
+            require_choice("sample_rate", rate, _HEAD_RATES)
+        except OptionError as error:
             return _refusal(str(error), 404)
-        return Response(data, media_type="application/octet-stream")
+        loop = asyncio.get_running_loop()
+        path = await loop.run_in_executor(self._heads, _write_head, self._jobs.folder, name, rate)
+        return _file(path)
 
     async def room(self, _request: Request) -> Response:
         from starlette.responses import JSONResponse
@@ -394,10 +416,25 @@ class _Answers:
         heads = {name: dict(entry) for name, entry in strikers().items()}
         return JSONResponse({"objects": states, "strikers": heads, "materials": groups})
 
-    async def events(self, _request: Request) -> Response:
+    async def events(self, _request: Request) -> ASGIApp:
+        return self._stream_events
+
+    async def _stream_events(self, *channel: Any) -> None:  # noqa: ANN401 - of ASGI
+        """Answer with the news of objects, or refuse one stream too many."""
         from starlette.responses import StreamingResponse
 
-        return StreamingResponse(self._news(), media_type="text/event-stream")
+        if self._stream_count >= MAX_STREAMS:
+            message = f"{MAX_STREAMS} pages show this room: close one of them"
+            refusal = _refusal(message, 429)
+            refusal.headers["connection"] = "close"  # else idle ones use up the connections
+            await refusal(*channel)
+            return
+        self._stream_count += 1
+        try:
+            response = StreamingResponse(self._news(), media_type="text/event-stream")
+            await response(*channel)
+        finally:
+            self._stream_count -= 1
 
     async def _news(self) -> AsyncIterator[str]:
         """Yield objects as they change, until the server ends."""
@@ -415,14 +452,10 @@ class _Answers:
             end_task.cancel()
 
     async def model(self, request: Request) -> Response:
-        from starlette.responses import FileResponse
-
         job = self._jobs.jobs.get(request.path_params["name"])
         if job is None or job.state != "ready":
             return _refusal("there is no such model, or not yet: wait until it is ready", 404)
-        return FileResponse(
-            job.path.with_suffix(PAGE_ENDING), media_type="application/octet-stream"
-        )
+        return _file(job.path.with_suffix(PAGE_ENDING))
 
     async def change(self, request: Request) -> Response:
         return await self._answer_with(request, change)
@@ -452,18 +485,12 @@ class _Answers:
             return _refusal(str(error), 400)
 
 
-def _head(name: str, rate: int) -> bytes:
-    """Return the tables of a head: made by one at a time, and kept for the next."""
-    from struck.explorer.page_files import head_bytes
-
-    with _ONE_HEAD:
-        return head_bytes(name, rate)
-
-
-def _prepare_heads() -> None:
-    """Make the tables of the ears at usual rates, Hz, so that the first click need not wait."""
-    for rate in (48_000, 44_100):  # most devices run at the first
-        _head("kemar", rate)
+def _write_head(folder: Path, name: str, rate: str) -> Path:
+    """Return the file of a head's tables, which the first request for it writes."""
+    path = folder / f"{name}-{rate}.head"
+    if not path.is_file():
+        write_bytes(path, head_bytes(name, int(rate)))
+    return path
 
 
 def _drive(model: ModalModel, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -475,6 +502,15 @@ def _drive(model: ModalModel, values: Mapping[str, Any]) -> dict[str, Any]:
         "point": contact.point.tolist(),
         "direction": contact.direction.tolist(),
     }
+
+
+def _file(path: Path, kind: str = "application/octet-stream") -> FileResponse:
+    """Return a file as an answer, in few parts, as each takes its turn with other requests."""
+    from starlette.responses import FileResponse
+
+    answer = FileResponse(path, media_type=kind)
+    answer.chunk_size = _PART_BYTES
+    return answer
 
 
 def _refusal(message: str, status: int) -> Response:
