@@ -23,7 +23,8 @@ IDLE_SECONDS = 5  # s between two requests of an admitted connection; the defaul
 # its connection arrives on a busy machine too. A queue of 3,000 then lasts some 3 s.
 GRACE_SECONDS = 0.05
 _ACCEPTORS = 8  # tasks, each with one connection that waits for room; chosen by judgement
-# Connections that need not make room, as each acceptor may start one and accept the next meanwhile.
+# Number of connections from which on strangers are closed, as each acceptor may start one and accept
+# the next meanwhile.
 _ROOM = MAX_CONNECTIONS - 2 * _ACCEPTORS
 
 
@@ -118,7 +119,7 @@ class Server(uvicorn.Server):
                 await asyncio.sleep(GRACE_SECONDS)
                 continue
             try:
-                while delay := self._make_room():  # noqa: ASYNC110 - time alone makes room
+                while delay := self._make_room():  # noqa: ASYNC110 - time alone closes them
                     await asyncio.sleep(delay)
                 await loop.connect_accepted_socket(self._protocol, connection)
             except OSError:

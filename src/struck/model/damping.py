@@ -306,9 +306,11 @@ Band = tuple[float | str, float | str]  # Hz or notes, the lower first
 
 def require_band(band: object) -> tuple[float, float]:
     """Return a band, of numbers or notes, in Hz, the lower end first; OptionError otherwise."""
-    is_listed = isinstance(band, tuple | list) or (isinstance(band, np.ndarray) and band.ndim)
-    is_pair = is_listed and all(np.isscalar(end) for end in band)
-    ends = np.asarray(in_hertz("band", band)) if is_pair else np.zeros(0)
+    pitches: list[Any] = []
+    if isinstance(band, tuple | list) or (isinstance(band, np.ndarray) and band.ndim):
+        pitches = [*band]
+    is_pair = all(np.isscalar(pitch) for pitch in pitches)
+    ends = np.asarray(in_hertz("band", pitches)) if is_pair else np.zeros(0)
     if ends.shape != (2,) or ends.dtype.kind not in "iuf" or not 0 <= ends[0] < ends[1] < np.inf:
         raise OptionError(f"band is {band}: give two frequencies in Hz, or notes, the lower first")
     return float(ends[0]), float(ends[1])
