@@ -23,7 +23,7 @@ IDLE_SECONDS = 5  # s between two requests of an admitted connection; the defaul
 # its connection arrives on a busy machine too. A queue of 3,000 then lasts some 3 s.
 GRACE_SECONDS = 0.05
 _ACCEPTORS = 8  # tasks, each with one connection that waits for room; chosen by judgement
-# Number of connections from which on strangers are closed, as each acceptor may start one and accept
+# Number of connections from which on strangers are closed: each acceptor may start one and accept
 # the next meanwhile.
 _ROOM = MAX_CONNECTIONS - 2 * _ACCEPTORS
 
