@@ -235,9 +235,8 @@ def test_reader_dies_with_its_program(tetrahedron: Path, death: str) -> None:
 @pytest.mark.prove
 @linux
 def test_reader_amid_a_file_dies_without_its_program(tmp_path: Path) -> None:
-    limits = json.dumps({"seconds": 0.1})
     with subprocess.Popen(
-        [sys.executable, "-c", guards._PROGRAM, limits],
+        [sys.executable, "-c", guards._PROGRAM, "{}"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
@@ -247,7 +246,9 @@ def test_reader_amid_a_file_dies_without_its_program(tmp_path: Path) -> None:
         assert reader.stdout
         read_frame(reader.stdout, largest=0)
         path = saved(tmp_path / "a.obj", "v 0 0 0\n" * 6_000_000)
-        write_frame(reader.stdin, {"task": "surface", "path": str(path)})
+        times = {"seconds": 0.1, "wall": 60.0}
+        question = {"task": "surface", "path": str(path), "options": {}, **times}
+        write_frame(reader.stdin, question)
         assert dies(reader.pid)
         assert reader.wait() == -signal.SIGPROF
 
