@@ -30,12 +30,13 @@ class Answer:
 class Client:
     """Requests as a browser sends them, or as nobody should."""
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url: str, timeout: float = 20.0) -> None:
         parts = urlsplit(url)
         self.port = parts.port
         self.path = f"{parts.path}?{parts.query}"
         self.origin = f"http://127.0.0.1:{self.port}"
         self.cookie = ""
+        self.timeout = timeout  # s
 
     def enter(self) -> Answer:
         """Open the address with the token, and keep the cookie."""
@@ -52,7 +53,7 @@ class Client:
             sent["Origin"] = self.origin
         sent |= {name.replace("_", "-").capitalize(): value for name, value in headers.items()}
         data = body if isinstance(body, bytes) or body is None else json.dumps(body).encode()
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=self.timeout)
         connection.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
         for name, value in sent.items():
             if value is not None:
