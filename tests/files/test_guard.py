@@ -365,7 +365,7 @@ def test_reader_that_talks_nonsense(tetrahedron: Path, program: str) -> None:
         ("np.eye(3), np.array([[0, 1, 3]])", "faces name vertices 0 to 3 of 3"),
         ("np.eye(3), np.array([[0, -1, 2]])", "faces name vertices -1 to 2 of 3"),
         ("np.eye(3), np.empty((0, 3), int)", "no triangles"),
-        ("np.eye(3), np.array([[0, 0, 2]])", "none of its 1 faces has an area"),
+        ("np.eye(3), np.array([[0, 0, 2]])", "all of its 1 faces are lines or points"),
     ],
 )
 def test_arrays_are_judged_by_the_program(tetrahedron: Path, arrays: str, message: str) -> None:
@@ -467,7 +467,7 @@ def test_corrupted_frames_are_refused_or_well_formed(seed: int) -> None:
 def test_lines_alone_are_no_surface() -> None:
     points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [2.0, 0, 0]])
     lines, triangle = np.array([[0, 1, 3], [1, 1, 2]]), np.array([[0, 1, 2]])
-    with pytest.raises(MeshError, match="none of its 2 faces has an area"):
+    with pytest.raises(MeshError, match="all of its 2 faces are lines or points"):
         Contents(kind="stl", parts=[Part(name="a", points=points, faces=lines)])
     Contents(kind="stl", parts=[Part(name="a", points=points, faces=np.vstack([lines, triangle]))])
 

@@ -376,16 +376,22 @@ FAULTS: dict[str, tuple[str, Callable[[dict[str, Any], dict[str, Any]], object]]
         lambda t, _: t["field_levelled"].__setitem__(0, 2),
     ),
     "its drives are likenesses over": ("field", lambda _, g: g["lengths"].reverse()),
-    "its limit is 0": ("field", lambda _, g: g.update(limit=0)),
-    "its radius is -1": ("field", lambda _, g: g.update(radius=-1)),
-    "its spans are [-1.0]": ("field", lambda _, g: g.update(spans=[-1.0])),
+    "its gains.limit is 0: give a number of at least 1e-9": (
+        "field",
+        lambda _, g: g.update(limit=0),
+    ),
+    "its gains.radius is -1: give a number of at least 0": (
+        "field",
+        lambda _, g: g.update(radius=-1),
+    ),
+    "its gains.spans.0 is -1.0": ("field", lambda _, g: g.update(spans=[-1.0])),
     "its contacts have 1 coordinates": ("field", lambda _, g: g.update(turned=True)),
     "give contacts with 1 coordinates": (
         "field over u and v",
         lambda _, g: g.update(turned=True),
     ),
-    "its notes are 'x'": ("field", lambda _, g: g.update(notes="x")),
-    "its calibrated is 1": ("field", lambda _, g: g.update(calibrated=1)),
+    "its gains.notes is 'x': give a list": ("field", lambda _, g: g.update(notes="x")),
+    "its gains.calibrated is 1: give true or false": ("field", lambda _, g: g.update(calibrated=1)),
     "'field_gains' is float64 (3, 15, 25)": (
         "table",
         lambda t, _: t.update(field_gains=t["field_gains"][..., 0]),
@@ -399,13 +405,29 @@ FAULTS: dict[str, tuple[str, Callable[[dict[str, Any], dict[str, Any]], object]]
         "table of azimuths",
         lambda _, g: g["listeners"][1].update(period=1.0),
     ),
-    "its listeners have 2 axes": ("table", lambda _, g: g["listeners"].pop()),
-    "its size is 0": ("table", lambda _, g: g.update(size=0)),
-    "its system is 'polar'": ("table", lambda _, g: g.update(system="polar")),
-    "not all of it finite": ("single point", lambda _, g: g.update(centre=[None, 0, 0])),
-    "(2,) numbers where (3,) belong": ("single point", lambda _, g: g.update(centre=[0, 0])),
-    "none of ShapeGains, RadiatingGains": ("single point", lambda _, g: g.update(kind="Magic")),
-    "'shapes' is missing": ("single point", lambda _, g: g.update(kind="ShapeGains")),
+    "{'nodes': [0.0,: give at least 3 items": ("table", lambda _, g: g["listeners"].pop()),
+    "its gains.size is 0": ("table", lambda _, g: g.update(size=0)),
+    'its gains.system is \'polar\': give "spherical" or "cartesian"': (
+        "table",
+        lambda _, g: g.update(system="polar"),
+    ),
+    "its gains.centre.0 is None: give a number": (
+        "single point",
+        lambda _, g: g.update(centre=[None, 0, 0]),
+    ),
+    "its gains.centre is [0, 0]: give at least 3 items": (
+        "single point",
+        lambda _, g: g.update(centre=[0, 0]),
+    ),
+    "its gains.kind is 'Magic': give one of ShapeGains, RadiatingGains": (
+        "single point",
+        lambda _, g: g.update(kind="Magic"),
+    ),
+    "its gains.radiation is missing": ("single point", lambda _, g: g.update(kind="ShapeGains")),
+    "'shapes' is missing": (
+        "single point",
+        lambda _, g: g.update(kind="ShapeGains", radiation="power"),
+    ),
 }
 
 

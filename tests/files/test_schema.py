@@ -84,7 +84,7 @@ def choices_in(schema: dict[str, Any]) -> set[Any]:
 def branches(value: Any, place: str = "") -> Iterator[str]:  # noqa: ANN401 - a part of the schema
     """Yield the places where the schema offers choices."""
     parts = value.items() if isinstance(value, dict) else enumerate(value)
-    if isinstance(value, dict) and value.keys() & {"enum", "oneOf", "const", "maxProperties"}:
+    if isinstance(value, dict) and value.keys() & {"enum", "oneOf", "const", "minProperties"}:
         yield place.removeprefix(".")
     for key, part in parts:
         if isinstance(part, dict | list):

@@ -106,11 +106,13 @@ SEALED: dict[str, Change] = {
     ),
     "errors: some go down to -1": lambda t, _: t["errors"].fill(-1.0),
     "its mass is 0": lambda _, m: m.update(mass=0),
-    "mass: a bool": lambda _, m: m.update(mass=False),
-    "centre: the shape is (2,)": lambda _, m: m.update(centre=[0, 0]),
+    "its mass is False: give a number or null": lambda _, m: m.update(mass=False),
+    "its centre is [0, 0]: give null or at least 3 items": lambda _, m: m.update(centre=[0, 0]),
     "complete_to: some go down to": lambda _, m: m.update(complete_to=-1e308),
-    "provenance holds": lambda _, m: m["provenance"].update(references=[3]),
-    "provenance": lambda _, m: m["provenance"].update(method=None),
+    "its provenance.references.0 is 3: give a text": lambda _, m: m["provenance"].update(
+        references=[3]
+    ),
+    "its provenance.method is None: give a text": lambda _, m: m["provenance"].update(method=None),
 }
 
 

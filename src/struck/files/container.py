@@ -17,8 +17,9 @@ from operator import attrgetter
 from typing import Any, NoReturn
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from struck.errors import FileFormatError, require_choice, rounded
+from struck.errors import FileFormatError, StruckError, rounded
 from struck.model.arrays import AnyArray, Array, Complex
 from struck.model.gains import Gains
 from struck.model.mesh import Mesh
@@ -31,6 +32,9 @@ _LONGEST_HEADER = 16 * 2**20
 _DTYPES = {"float64": "F64", "float32": "F32", "uint32": "U32"}
 _UNSEALED = "0" * 64
 _SEAL = re.compile(rb'"sha256"\s*:\s*"([0-9a-f]{64})"')
+# What Python raises where content has another form than is read.
+UNEXPECTED = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError)
+_MAX_SHOWN = 60  # characters of a value in a message
 _AGAIN = "copy it again from its source, or save the model again"
 
 Arrays = dict[str, AnyArray]
@@ -152,8 +156,12 @@ def from_bytes(data: bytes, kinds: tuple[type, ...]) -> Any:  # noqa: ANN401  as
         return from_plain(
             json.loads(metadata["json"]), {kind.__name__: kind for kind in kinds}, arrays
         )
-    except (KeyError, TypeError, ValueError, RecursionError) as error:
-        raise FileFormatError(f"it holds what is not expected: {error!r}") from error
+    except StruckError as error:
+        raise FileFormatError(str(error)) from error
+    except UNEXPECTED as error:
+        raise FileFormatError(
+            f"its content is not as the format demands ({error!r}): {_AGAIN}"
+        ) from error
 
 
 def to_plain(value: object, kinds: tuple[type, ...], arrays: Arrays) -> Any:  # noqa: ANN401  JSON
@@ -194,13 +202,15 @@ def _put(array: AnyArray, arrays: Arrays) -> list[str]:
 
 def from_plain(plain: Any, kinds: Mapping[str, type], arrays: Arrays) -> Any:  # noqa: ANN401  JSON
     """Return the value that `to_plain` took, made of the dataclasses in `kinds`."""
-    if not isinstance(plain, dict):
+    if plain is None or isinstance(plain, bool | int | float | str):
         return plain
+    if not isinstance(plain, dict) or len(plain) != 1:
+        raise FileFormatError(f"it holds {_excerpt(plain)} where an object of one key belongs")
     ((tag, content),) = plain.items()
+    if type(content).__name__ != ("dict" if tag in kinds else "list"):
+        raise FileFormatError(f"it holds {_excerpt(plain)}, which is no value of this format")
     if tag == "array":
-        name, dtype = content
-        array = arrays[name]
-        return from_pairs(array) if dtype == "complex128" else array.astype(dtype, copy=False)
+        return _take(content, arrays)
     if tag in {"tuple", "list"}:
         parts = [from_plain(part, kinds, arrays) for part in content]
         return tuple(parts) if tag == "tuple" else parts
@@ -208,6 +218,27 @@ def from_plain(plain: Any, kinds: Mapping[str, type], arrays: Arrays) -> Any:  #
         return {name: from_plain(part, kinds, arrays) for name, part in content}
     arguments = {name: from_plain(part, kinds, arrays) for name, part in content.items()}
     return kinds[tag](**arguments)
+
+
+def _take(content: list[str], arrays: Arrays) -> AnyArray:
+    """Return an array of the type that `_put` was given; other types are refused."""
+    name, dtype = content
+    array = arrays[name]
+    if dtype == array.dtype.name:
+        return array
+    if dtype in {"bool", "int64"} and array.dtype == np.uint32:
+        return array.astype(dtype)
+    if dtype == "complex128" and array.dtype == np.float64 and array.shape[-1:] == (2,):
+        return from_pairs(array)
+    raise FileFormatError(
+        f"its array {name!r} is {array.dtype.name} {array.shape}, to be read as {_excerpt(dtype)}: "
+        f"give {', '.join(_DTYPES)}, bool or int64 of uint32, or complex128 of pairs"
+    )
+
+
+def _excerpt(value: object) -> str:
+    """Return a value as the beginning of its text."""
+    return repr(value)[:_MAX_SHOWN]
 
 
 def _in_pairs(values: Complex) -> Array:
@@ -286,7 +317,7 @@ def _require_fit(name: str, array: AnyArray, spec: Tensor, sizes: dict[str, int]
         raise FileFormatError(f"its tensor {name!r} holds numbers that are not finite")
 
 
-# Values of a model file's JSON, refused where they do not belong
+# Values of a model file's JSON
 
 
 def refuse_constant(name: str) -> NoReturn:
@@ -295,57 +326,19 @@ def refuse_constant(name: str) -> NoReturn:
 
 
 def numbers(value: object, shape: tuple[int, ...]) -> Array:
-    """Return a nested list of finite numbers as an array of the given shape."""
+    """Return a list of numbers as an array of the given shape."""
     array = np.array(value, dtype=np.float64)
     if array.shape != shape:
         raise FileFormatError(f"its metadata holds {array.shape} numbers where {shape} belong")
-    if not np.isfinite(array).all():
-        raise FileFormatError(f"its metadata holds {value!r}, not all of it finite")
     return array
 
 
-def vector(value: object, count: int = 3) -> Array:
-    """Return the finite coordinates of a place (count,)."""
-    if value is None:
-        raise FileFormatError("its metadata holds null where the coordinates of a place belong")
-    return numbers(value, (count,))
-
-
-def near(places: Array, name: str) -> Array:
+def near(places: ArrayLike, name: str) -> Array:
     """Return places, m, once none has a coordinate beyond `FARTHEST`."""
-    extent = float(np.abs(places).max(initial=0.0))
-    if extent > FARTHEST:
+    array = np.array(places, np.float64)
+    extent = float(np.abs(array).max(initial=0.0))
+    if not extent <= FARTHEST:
         raise FileFormatError(
             f"its {name} goes up to {rounded(extent)} m: at most {rounded(FARTHEST)} m fits"
         )
-    return places
-
-
-def number(value: object, name: str, least: float, most: float = np.inf) -> float:
-    """Return a finite number between two bounds."""
-    number = float(numbers(value, ()))
-    if not least <= number <= most:
-        raise FileFormatError(
-            f"its {name} is {rounded(number)}: it must lie from {rounded(least)} to {rounded(most)}"
-        )
-    return number
-
-
-def flag(value: object, name: str) -> bool:
-    """Return a JSON boolean."""
-    if not isinstance(value, bool):
-        raise FileFormatError(f"its {name} is {value!r}: give true or false")
-    return value
-
-
-def texts(value: object, name: str) -> tuple[str, ...]:
-    """Return a JSON list of texts."""
-    if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
-        raise FileFormatError(f"its {name} are {value!r}: give a list of texts")
-    return tuple(value)
-
-
-def one_of(value: object, name: str, choices: tuple[str, ...]) -> str:
-    """Return a text that is one of the choices."""
-    require_choice(f"its {name}", value, choices, FileFormatError)
-    return str(value)
+    return array

@@ -11,30 +11,20 @@ from numpy.typing import NDArray
 
 from struck.errors import FileFormatError, rounded
 from struck.files.container import (
-    FARTHEST,
     Arrays,
     Kind,
     Tensor,
     Tensors,
     Text,
-    flag,
     from_pairs,
     near,
-    number,
     numbers,
-    one_of,
-    texts,
-    vector,
 )
 from struck.model.arrays import Array, Index
 from struck.model.mesh import Mesh
 from struck.model.timbre_field import LENGTHS, ContactPart, Inside, ListenerPart, TimbreField
-from struck.model.timbre_table import SYSTEMS, Grid, GridAxis, SinglePoint, TimbreTable
+from struck.model.timbre_table import Grid, GridAxis, SinglePoint, TimbreTable
 from struck.model.waves import AXIAL, SphericalWaves
-
-# Lengths beyond these, m, are no body's: powers of them would leave the numbers there are.
-_MIN_LENGTH, _MAX_LENGTH = 1 / FARTHEST, FARTHEST
-
 
 # Timbre fields
 
@@ -63,32 +53,30 @@ def _make_field(text: Text, tensors: Tensors, _: Mesh | None) -> TimbreField:
     return TimbreField(
         contact_part=_contact_part(text, tensors),
         listener_part=_listener_part(text, tensors),
-        centre=near(vector(text["centre"]), "centre"),
-        radius=number(text["radius"], "radius", 0.0, _MAX_LENGTH),
+        centre=near(text["centre"], "centre"),
+        radius=float(text["radius"]),
         rank_errors=tensors["field_rank_errors"],
         unmeasured=_below(tensors["field_unmeasured"], modes, "field_unmeasured", "modes"),
-        notes=texts(text["notes"], "notes"),
-        is_calibrated=flag(text["calibrated"], "calibrated"),
-        is_deconvolved=flag(text.get("deconvolved", False), "deconvolved"),
+        notes=tuple(text["notes"]),
+        is_calibrated=text["calibrated"],
+        is_deconvolved=text.get("deconvolved", False),
     )
 
 
 def _contact_part(text: Text, tensors: Tensors) -> ContactPart:
-    lengths, contacts = numbers(text["lengths"], (len(LENGTHS),)), tensors["field_contacts"]
-    if not np.array_equal(lengths, LENGTHS):
+    lengths, contacts = text["lengths"], tensors["field_contacts"]
+    if lengths != list(LENGTHS):
         raise FileFormatError(
-            f"its drives are likenesses over {lengths.tolist()}, not {list(LENGTHS)}: update "
+            f"its drives are likenesses over {lengths}, not {list(LENGTHS)}: update "
             "struck, or fit the recordings again"
         )
-    dimensions = (1,) if text["turned"] is True else (1, 2)
+    dimensions = (1,) if text["turned"] else (1, 2)
     if contacts.shape[1] not in dimensions or not len(contacts):
         raise FileFormatError(
             f"its tensor 'field_contacts' is {contacts.shape}: give contacts with "
             f"{' or '.join(map(str, dimensions))} coordinates"
         )
     spans = numbers(text["spans"], (contacts.shape[1],))
-    if spans.min() < 0:
-        raise FileFormatError(f"its spans are {spans.tolist()}: none may lie below 0")
     return ContactPart(
         lowest=numbers(text["lowest"], spans.shape),
         spans=spans,
@@ -108,16 +96,16 @@ def _listener_part(text: Text, tensors: Tensors) -> ListenerPart:
     return ListenerPart(
         waves=SphericalWaves(
             parts=from_pairs(tensors["field_parts"]),
-            limit=number(text["limit"], "limit", _MIN_LENGTH, _MAX_LENGTH),
+            limit=float(text["limit"]),
             levelled=levelled.astype(np.bool_),
         ),
         inside=Inside(
             places=near(tensors["field_inside"], "tensor 'field_inside'"),
             corrections=from_pairs(tensors["field_corrections"]),
-            reach=number(text["reach"], "reach", _MIN_LENGTH, _MAX_LENGTH),
+            reach=float(text["reach"]),
         ),
-        mirrored=flag(text["mirrored"], "mirrored"),
-        turned=flag(text["turned"], "turned"),
+        mirrored=text["mirrored"],
+        turned=text["turned"],
     )
 
 
@@ -147,12 +135,12 @@ def _make_table(text: Text, tensors: Tensors, _: Mesh | None) -> TimbreTable:
         contacts=_grid(text, tensors, "contact", gains.shape[0], (1, 2)),
         listeners=_grid(text, tensors, "listener", gains.shape[1], (3,)),
         gains=gains,
-        system=one_of(text["system"], "system", SYSTEMS),
-        mirrored=flag(text["mirrored"], "mirrored"),
-        centre=near(vector(text["centre"]), "centre"),
-        size=number(text["size"], "size", _MIN_LENGTH, _MAX_LENGTH),
-        is_calibrated=flag(text["calibrated"], "calibrated"),
-        is_deconvolved=flag(text.get("deconvolved", False), "deconvolved"),
+        system=text["system"],
+        mirrored=text["mirrored"],
+        centre=near(text["centre"], "centre"),
+        size=float(text["size"]),
+        is_calibrated=text["calibrated"],
+        is_deconvolved=text.get("deconvolved", False),
     )
 
 
@@ -172,13 +160,12 @@ def _grid(
 
 
 def _axis(text: Mapping[str, Any]) -> GridAxis:
-    nodes = numbers(text["nodes"], (len(text["nodes"]),))
-    period = number(text["period"], "period", 0.0, _MAX_LENGTH)
+    nodes, period = np.array(text["nodes"], np.float64), float(text["period"])
     room = period or math.inf
-    if not len(nodes) or np.any(np.diff(nodes) <= 0) or nodes[-1] - nodes[0] >= room:
+    if np.any(np.diff(nodes) <= 0) or nodes[-1] - nodes[0] >= room:
         raise FileFormatError(
-            f"the nodes {nodes.tolist()} of an axis do not ascend within its period of "
-            f"{rounded(period)}: give at least one, and each once"
+            f"the {len(nodes)} nodes of an axis, from {rounded(nodes[0])} to {rounded(nodes[-1])}, "
+            f"do not ascend within its period of {rounded(period)}: give each once"
         )
     return GridAxis(nodes=nodes, period=period)
 
@@ -186,9 +173,9 @@ def _axis(text: Mapping[str, Any]) -> GridAxis:
 def _make_point(text: Text, tensors: Tensors, _: Mesh | None) -> SinglePoint:
     return SinglePoint(
         outputs=from_pairs(tensors["field_outputs"]),
-        centre=near(vector(text["centre"]), "centre"),
-        is_calibrated=flag(text["calibrated"], "calibrated"),
-        is_deconvolved=flag(text.get("deconvolved", False), "deconvolved"),
+        centre=near(text["centre"], "centre"),
+        is_calibrated=text["calibrated"],
+        is_deconvolved=text.get("deconvolved", False),
     )
 
 

@@ -20,9 +20,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import IO, NoReturn, TypeVar, cast
 
-import numpy as np
-from numpy.typing import NDArray
-
 from struck import errors
 from struck.errors import FileFormatError, MeshError, StruckError, rounded
 from struck.files.messages import (
@@ -38,6 +35,7 @@ from struck.files.messages import (
     read_frame,
     write_frame,
 )
+from struck.model.mesh import require_area, require_triangles, require_vertices
 from struck.processes.child_process import python_command, python_environment
 
 Answer = TypeVar("Answer")
@@ -57,11 +55,6 @@ _KILLED_CODE = (
 _PROGRAM = f"{_ALMOST_EMPTY_PACKAGE}from struck.files.worker import main; main()"
 _LONGEST_START = 60.0  # s
 _LONGEST_MESSAGE = 500
-# Squares of lengths, and their sums, must stay within the range of double precision.
-_MAX_COORDINATE = 1e150
-# Below this height over its longest side a triangle is a line, within rounding.
-_THINNEST_FACE = 1e-12
-_AT_ONCE = 2**16
 _NO_WINDOW = getattr(subprocess, "CREATE_NO_WINDOW", 0)
 
 
@@ -363,54 +356,15 @@ class Contents:
     beside: dict[str, int] = field(default_factory=dict)  # how many points, lines: left out
 
     def __post_init__(self) -> None:
-        for part in self.parts:
-            _require_sound(part)
-        faces = sum(len(part.faces) for part in self.parts)
-        if not faces:
+        if not any(len(part.faces) for part in self.parts):
             raise MeshError(
                 f"no triangles can be read from it as {self.kind.upper()}: it is empty, truncated "
                 "or another format; export the surface again"
             )
-        if all(lines.all() for lines in _lines(self.parts)):
-            longest = max(float(np.ptp(part.points, axis=0).max()) for part in self.parts)
-            raise MeshError(
-                f"none of its {faces} faces has an area, and its longest edge is "
-                f"{rounded(longest, 3)}: export the surface again"
-            )
-
-
-def _require_sound(part: Part) -> None:
-    bad_count = np.count_nonzero(~np.isfinite(part.points).all(axis=1))
-    if bad_count:
-        raise MeshError(
-            f"{bad_count} of {len(part.points)} vertices are not finite: export the mesh again"
-        )
-    if not len(part.faces):
-        return
-    lowest, highest = part.faces.min(), part.faces.max()
-    if lowest < 0 or highest >= len(part.points):
-        raise MeshError(
-            f"faces name vertices {lowest} to {highest} of {len(part.points)}, counted from 0: it "
-            "is truncated or damaged; export it again"
-        )
-    extent = np.abs(part.points).max()
-    if extent > _MAX_COORDINATE:
-        raise MeshError(
-            f"a vertex is {rounded(extent, 3)} from the origin, and {rounded(_MAX_COORDINATE)} can "
-            "be computed with: export it again"
-        )
-
-
-def _lines(parts: list[Part]) -> Iterator[NDArray[np.bool_]]:
-    """Yield which faces are lines or points, at any scale, 65,536 faces at a time."""
-    for part in parts:
-        for start in range(0, len(part.faces), _AT_ONCE):
-            corners = part.points[part.faces[start : start + _AT_ONCE]]
-            edges = corners - np.roll(corners, 1, axis=1)
-            longest = np.abs(edges).max(axis=(1, 2))
-            edges /= np.where(longest > 0, longest, 1.0)[:, None, None]
-            doubled_areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-            yield doubled_areas <= _THINNEST_FACE
+        for part in self.parts:
+            require_vertices(part.points)
+            require_triangles(part.faces, len(part.points))
+        require_area(*((part.points, part.faces) for part in self.parts))
 
 
 def _forget_all() -> None:

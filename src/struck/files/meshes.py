@@ -27,7 +27,7 @@ from struck.errors import (
 from struck.files.guard import read_contents, read_volume
 from struck.files.messages import READERS, ElementBlocks, Part
 from struck.model.arrays import UNITS, Array, Index, checked, numbers
-from struck.model.mesh import Arrays, Mesh, indices
+from struck.model.mesh import Arrays, Mesh, indices, part_mesh
 from struck.model.mesh_topology import bodies, submesh
 from struck.solids.elements import ELEMENTS
 from struck.solids.surface.closedness import crossings, is_closed, require_closed, winding
@@ -83,7 +83,7 @@ def load_mesh(
                 "surface together: remesh it, merge their vertices, or leave repair on"
             )
         require_closed(body)
-    return _in_metres(body, units, size, up or _UP[contents.kind])
+        return _in_metres(body, units, size, up or _UP[contents.kind])
 
 
 def mesh_of(
@@ -231,7 +231,8 @@ def _read_surface(
     with _named(path):
         contents = read_contents(path)
         surface = _any_surface(contents.parts, part)
-    return _in_metres(surface, units, size, up or _UP[contents.kind]), contents.beside
+        surface = _in_metres(surface, units, size, up or _UP[contents.kind])
+    return surface, contents.beside
 
 
 @checked
@@ -496,7 +497,7 @@ def _taken(whole: Mesh) -> Callable[[Mesh], bool]:
 
 
 def _surfaces(parts: list[Part]) -> list[Mesh]:
-    return [_clean(Mesh(points=part.points, faces=part.faces)) for part in parts]
+    return [_clean(part_mesh(part.points, part.faces)) for part in parts]
 
 
 def _close(whole: Mesh) -> Mesh:
@@ -535,7 +536,7 @@ def _join_parts(parts: list[Part], surfaces: list[Mesh]) -> Mesh:
         return _join(surfaces)
     if len(parts) == 1:
         return surfaces[0]
-    return _clean(_join([Mesh(points=part.points, faces=part.faces) for part in parts]))
+    return _clean(_join([part_mesh(part.points, part.faces) for part in parts]))
 
 
 def _bodies(parts: list[Part], surfaces: list[Mesh], whole: Mesh) -> tuple[list[Mesh], list[str]]:
@@ -580,8 +581,10 @@ def _weld(mesh: Mesh) -> Mesh:
     faces = labels[mesh.faces]
     whole = np.all(faces != np.roll(faces, 1, axis=1), axis=1)
     if not whole.any():
-        raise MeshError(f"none of its {len(faces)} faces has an area: export the surface again")
-    return submesh(Mesh(points=points, faces=faces), np.flatnonzero(whole))
+        raise MeshError(
+            f"all of its {len(faces)} faces are lines or points: export the surface again"
+        )
+    return submesh(part_mesh(points, faces), np.flatnonzero(whole))
 
 
 def _drop_lines(mesh: Mesh) -> Mesh:

@@ -16,29 +16,24 @@ from numpy.typing import ArrayLike
 from struck.errors import FileFormatError, OptionError, StruckError, rounded
 from struck.files.atomic import ended, is_file, read_bytes, writable, write_bytes
 from struck.files.container import (
-    FARTHEST,
+    UNEXPECTED,
     Arrays,
     Kind,
     Layout,
     Tensor,
     Tensors,
     Text,
-    flag,
     from_pairs,
     from_plain,
     kept_tensors,
     near,
-    number,
-    numbers,
-    one_of,
     pack,
     refuse_constant,
     require_layout,
-    texts,
     to_plain,
     unpack,
-    vector,
 )
+from struck.files.model_schema import require_schema
 from struck.files.recognition import MODELS, explain_not_model, kind_by_name
 from struck.model.arrays import Array, checked, require_numbers
 from struck.model.damping import Damping, InternalFriction, Measured, Rayleigh
@@ -69,7 +64,7 @@ GAINS = ("ShapeGains", "RadiatingGains", "TimbreField", "TimbreTable", "SinglePo
 def kind_of(gains: Gains) -> Kind:
     """Return how files keep these gains; FileFormatError when they do not."""
     name = type(gains).__name__
-    kind = _kind(name)
+    kind = kind_named(name) if name in GAINS else None
     if kind is None or type(gains) is not kind.made:
         raise FileFormatError(
             f"its gains are {name}, and files keep {', '.join(GAINS)} alone: save the model that "
@@ -79,22 +74,14 @@ def kind_of(gains: Gains) -> Kind:
 
 
 def kind_named(name: str) -> Kind:
-    """Return how files keep gains of the named class; FileFormatError when they do not."""
-    kind = _kind(name)
-    if kind is None:
-        raise FileFormatError(f"its gains are {name!r}, none of {', '.join(GAINS)}: update struck")
-    return kind
-
-
-def _kind(name: str) -> Kind | None:
-    """Return how files keep gains of a class; of fields only where they are met."""
+    """Return how files keep gains of a class of `GAINS`; of fields only where they are met."""
     if name == _SHAPES.made.__name__:
         return _SHAPES
     if name == "RadiatingGains":
         return _radiating()
     from struck.files.fields_file import FIELDS
 
-    return FIELDS.get(name)
+    return FIELDS[name]
 
 
 # Mode shapes on a surface
@@ -129,7 +116,7 @@ def _make_shapes(text: Text, tensors: Tensors, surface: Mesh | None) -> ShapeGai
         surface=surface,
         shapes=tensors["shapes"],
         outputs=from_pairs(tensors["outputs"]),
-        centre=vector(text["centre"]),
+        centre=np.array(text["centre"], np.float64),
         radiation=by_name(text["radiation"]),
         formula=_formula(text.get("formula"), tensors),
     )
@@ -235,7 +222,7 @@ def _radiating() -> Kind:
             wave_numbers=tensors["multipole_wave_numbers"],
             degrees=tensors["multipole_degrees"].astype(np.int64),
             amplitudes=from_pairs(tensors["multipoles"]),
-            radius=number(text["radius"], "radius", 0.0, FARTHEST),
+            radius=float(text["radius"]),
             errors=tensors["multipole_errors"],
         )
         return RadiatingGains.with_field(
@@ -277,8 +264,6 @@ ENDINGS = tuple(f".{ending}" for ending in MODELS)  # of model files
 SHAPES = ".vtu"  # of shapes that `save` writes, and that are not read as models
 VERSION = 2  # the newest; files that older readers can read are written as 1
 _SOFA = ".sofa"
-# What Python raises on JSON of another form than is read.
-_UNEXPECTED = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError)
 _DAMPINGS: dict[str, Callable[..., Damping]] = {
     kind.__name__: kind for kind in (InternalFriction, Rayleigh, Measured)
 }
@@ -352,6 +337,7 @@ def to_bytes(model: ModalModel) -> bytes:
     try:
         text, tensors = _serialise(model)
         json_text = json.dumps(text, allow_nan=False, default=_plain)
+        require_schema(json.loads(json_text))
         version = str(kind_of(model.gains).version)
         metadata = {"format": "struck", "version": version, "json": json_text}
         return pack(tensors, metadata)
@@ -364,10 +350,11 @@ def from_bytes(data: bytes) -> ModalModel:
     try:
         metadata, tensors = unpack(data, kind="struck", newest=VERSION)
         text = json.loads(metadata["json"], parse_constant=refuse_constant)
+        require_schema(text)
         return _model(text, tensors)
     except StruckError as error:
         raise FileFormatError(str(error)) from error
-    except _UNEXPECTED as error:
+    except UNEXPECTED as error:
         raise FileFormatError(
             f"its metadata is not as the format demands ({type(error).__name__}: {error}): "
             "write it by docs/reference/model_file.md"
@@ -635,14 +622,14 @@ def _model(text: Text, tensors: Tensors) -> ModalModel:
         centre=_array(text["centre"]),
         inertia=_array(text["inertia"]),
         geometry=surface if text["geometry"] == "surface" else None,
-        supported=flag(text["supported"], "supported"),
-        tensioned=flag(text.get("tensioned", False), "tensioned"),
+        supported=text["supported"],
+        tensioned=text.get("tensioned", False),
         complete_to=text["complete_to"],
         poisson_slopes=tensors.get("poisson_slopes"),
         errors=tensors.get("errors"),
         places={name: _array(place) for name, place in text["places"].items()},
         playing_place=text.get("playing_place"),
-        coordinates=texts(text["coordinates"], "coordinates"),
+        coordinates=tuple(text["coordinates"]),
         chart=_chart(text.get("chart")),
         residual=_make_residual(text, tensors),
         recoil=_recoil(text.get("recoil")),
@@ -667,7 +654,7 @@ def _given_surface(text: Text, tensors: Tensors) -> Mesh | None:
     return Mesh(
         points=near(tensors["vertices"], "tensor 'vertices'"),
         faces=tensors["faces"].astype(np.int64),
-        up=one_of(text["up"], "up", ("x", "y", "z")),
+        up=text["up"],
     )
 
 
@@ -678,7 +665,7 @@ def _chart(text: Text | None) -> Chart | None:
 
     return Chart(
         pitch=_array(text["pitch"]),
-        around=flag(text["around"], "chart's around"),
+        around=text["around"],
         outline=_array(text["outline"]),
     )
 
@@ -689,8 +676,6 @@ def _array(value: object) -> Any:  # noqa: ANN401  None, or an array that the mo
 
 
 def _damping(text: Text) -> Damping:
-    if text["kind"] not in _DAMPINGS:
-        raise FileFormatError(f"its damping is {text['kind']!r}, none of {', '.join(_DAMPINGS)}")
     given = {
         name: tuple(value) if isinstance(value, list) else value
         for name, value in text.items()
@@ -703,8 +688,7 @@ def _recoil(text: Text | None) -> Recoil | None:
     """Return the recoil that a file describes; None where it has none."""
     if text is None:
         return None
-    shapes = {"axes": (3, 3), "levels": (3,), "corners": (3,), "dampings": (3,)}
-    return Recoil(**{name: numbers(text[name], shape) for name, shape in shapes.items()})
+    return Recoil(**{field.name: _array(text[field.name]) for field in fields(Recoil)})
 
 
 def _make_residual(text: Text, tensors: Tensors) -> Residual | None:
@@ -715,8 +699,8 @@ def _make_residual(text: Text, tensors: Tensors) -> Residual | None:
     require_layout(tensors, _RESIDUAL)
     return Residual(
         attack=tensors["residual_attack"],
-        sample_rate=int(number(description["sample_rate"], "residual's sample rate", 1, 1e9)),
-        lead=number(description["lead"], "residual's lead", 0),
+        sample_rate=description["sample_rate"],
+        lead=float(description["lead"]),
         edges=tensors["residual_edges"],
         levels=tensors["residual_levels"],
         decays=tensors["residual_decays"],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
@@ -38,7 +38,8 @@ class Mesh:
     Raises
     ------
     MeshError
-        If points are not finite, indices are out of range, or there are no faces.
+        If points are not finite or beyond 1e150 m, indices are out of range, there are no faces, or
+        none has an area.
 
     Examples
     --------
@@ -56,7 +57,9 @@ class Mesh:
     def __post_init__(self) -> None:
         points = np.array(self.points, dtype=np.float64, ndmin=2)
         faces = np.array(indices("faces", self.faces), ndmin=2)
-        _validate(points, faces)
+        require_vertices(points)
+        require_triangles(faces, len(points))
+        require_area((points, faces))
         points.setflags(write=False)
         faces.setflags(write=False)
         object.__setattr__(self, "points", points)
@@ -273,25 +276,72 @@ def indices(name: str, values: ArrayLike) -> Index:
 _MAX_INDEX = 2.0**53
 
 
-def _validate(points: Array, faces: Index) -> None:
+def require_vertices(points: Array) -> None:
+    """Raise MeshError unless points are finite vertices (V, 3) that can be computed with."""
     if points.ndim != 2 or points.shape[1] != 3:
         raise MeshError(f"points have shape {points.shape}, not (V, 3): give x, y and z in m")
-    if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces):
-        raise MeshError(f"faces have shape {faces.shape}, not (F, 3) with F > 0: give triangles")
     bad_count = np.count_nonzero(~np.isfinite(points).all(axis=1))
     if bad_count:
         raise MeshError(
             f"{bad_count} of {len(points)} vertices are not finite: export the mesh again"
         )
-    if faces.min() < 0 or faces.max() >= len(points):
+    distance = np.abs(points).max(initial=0.0)
+    if distance > _FARTHEST:
         raise MeshError(
-            f"faces name vertices {faces.min()} to {faces.max()}, but the mesh has "
-            f"{len(points)}: export the mesh again"
+            f"a vertex is {rounded(distance, 3)} from the origin, and {rounded(_FARTHEST)} can be "
+            "computed with: export the mesh again"
         )
+
+
+def require_triangles(faces: Index, count: int) -> None:
+    """Raise MeshError unless faces are triangles (F, 3) of `count` vertices, at least one."""
+    if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces):
+        raise MeshError(f"faces have shape {faces.shape}, not (F, 3) with F > 0: give triangles")
+    if faces.min() < 0 or faces.max() >= count:
+        raise MeshError(
+            f"faces name vertices {faces.min()} to {faces.max()} of {count}, counted from 0: the "
+            "mesh is truncated or damaged; export it again"
+        )
+
+
+def require_area(*surfaces: tuple[Array, Index]) -> None:
+    """Raise MeshError if all triangles of some vertices and faces are lines or points."""
+    if all(lines.all() for points, faces in surfaces for lines in _lines(points, faces)):
+        longest = max(float(np.ptp(points[faces], axis=(0, 1)).max()) for points, faces in surfaces)
+        raise MeshError(
+            f"all of its {sum(len(faces) for _, faces in surfaces)} faces are lines or points, and "
+            f"its longest edge is {rounded(longest, 3)}: export the surface again"
+        )
+
+
+def _lines(points: Array, faces: Index) -> Iterator[Mask]:
+    """Yield which faces are lines or points, at any scale, 4,096 faces at a time."""
+    for start in range(0, len(faces), _AT_ONCE):
+        corners = points[faces[start : start + _AT_ONCE]]
+        edges = corners - np.roll(corners, 1, axis=1)
+        longest = np.abs(edges).max(axis=(1, 2))
+        edges /= np.maximum(longest, _SHORTEST_EDGE)[:, None, None]
+        doubled_areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+        yield (doubled_areas <= _THINNEST_FACE) | (longest <= _SHORTEST_EDGE)
+
+
+def part_mesh(points: Array, faces: Index, up: str = "z") -> Mesh:
+    """Return a part of a checked surface: some of its triangles, which may all be lines."""
+    require_triangles(faces, len(points))
+    part = object.__new__(Mesh)
+    for array in (points, faces):
+        array.setflags(write=False)
+    for name, value in (("points", points), ("faces", faces), ("up", up)):
+        object.__setattr__(part, name, value)
+    return part
 
 
 _TINY = np.finfo(np.float64).tiny
 _FARTHEST = 1e150  # m: squares beyond it are infinite, and compiled code returns what it finds
+_SHORTEST_EDGE = 1e-150  # m: the product of two shorter edges is 0 in double precision
+# Below this height over its longest side a triangle is a line, within rounding.
+_THINNEST_FACE = 1e-12
+_AT_ONCE = 2**12
 
 
 def in_space(points: ArrayLike) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.model.arrays import Array, Index
-from struck.model.mesh import Mesh
+from struck.model.mesh import Mesh, part_mesh
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -100,7 +100,7 @@ def bodies(mesh: Mesh) -> list[Index]:
 def submesh(mesh: Mesh, faces: Index) -> Mesh:
     """Return the surface of some `faces`, without the vertices that they do not use."""
     vertices, renumbered = np.unique(mesh.faces[faces], return_inverse=True)
-    return Mesh(points=mesh.points[vertices], faces=renumbered.reshape(-1, 3), up=mesh.up)
+    return part_mesh(mesh.points[vertices], renumbered.reshape(-1, 3), mesh.up)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from struck.errors import MaterialError, OptionError, ScaleWarning, counted, rounded
+from struck.errors import (
+    MaterialError,
+    OptionError,
+    ScaleWarning,
+    counted,
+    printable,
+    rounded,
+)
 from struck.model.arrays import Array, Index, Mask, checked, require_number, require_numbers
 from struck.model.contact import Contact, Place, located, nearest_contacts
 from struck.model.damping import Band, Damping, Each, natural_at, require_band, ringing
@@ -52,6 +59,8 @@ LOUDEST = "loudest"  # a place that every model has
 _MAX_LISTED_MODES = 12  # modes that a note lists
 _RINGING = ("frequencies", "natural_frequencies", "decays")
 _OTHERS = ("blow", "vague")  # details of a fit: indices of modes that are not the object's
+_MAX_MODE = 2**32 - 1  # index of a mode, as in the schema of model files
+_MAX_SHOWN = 60  # characters of a value in a message
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -150,6 +159,7 @@ class ModalModel:
     def __post_init__(self) -> None:
         _require_modes(self)
         _require_body(self)
+        _require_indices(self.provenance)
         if self.recorded:
             object.__setattr__(self, "chart", _chart(self))
 
@@ -737,6 +747,19 @@ def _require_body(model: ModalModel) -> None:
     count = 3 if isinstance(model.gains, ShapeGains) else len(names)
     for name, place in model.places.items():
         require_numbers(f"place {name!r}", place, (count,))
+
+
+def _require_indices(provenance: Provenance) -> None:
+    """Refuse details that name modes by anything but a list of their indices."""
+    for kind in _OTHERS:
+        others = provenance.details.get(kind, ())
+        if not isinstance(others, Sequence | np.ndarray) or not all(
+            isinstance(mode, int | np.integer) and 0 <= mode <= _MAX_MODE for mode in others
+        ):
+            raise OptionError(
+                f"details[{kind!r}] is {printable(repr(others))[:_MAX_SHOWN]}: give a list of "
+                "indices of modes"
+            )
 
 
 def _chart(model: ModalModel) -> Chart | None:

@@ -14,7 +14,7 @@ from importlib import resources
 from types import MappingProxyType
 from typing import Any
 
-from struck.errors import counted, printable
+from struck.errors import ArgumentError, counted, printable
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,7 +41,11 @@ class Provenance:
     def __post_init__(self) -> None:
         texts = (self.method, *self.references, *self.dropped)
         if not all(isinstance(text, str) for text in texts) or isinstance(self.references, str):
-            raise TypeError(f"provenance holds {texts!r}: give a method, references and losses")
+            raise ArgumentError(f"provenance holds {texts!r}: give a method, references and losses")
+        if not isinstance(self.details, Mapping):
+            raise ArgumentError(
+                f"details are {self.details!r}: give a mapping, as {{'nodes': 1200}}"
+            )
         # A file of a newer version may name papers that this one does not know.
         known = bibliography()
         unknown = [key for key in self.references if key not in known]

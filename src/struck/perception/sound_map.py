@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from struck.errors import FileFormatError, OptionError, counted, rounded
+from struck.errors import ArgumentError, FileFormatError, OptionError, article, counted, rounded
 from struck.files.atomic import read_bytes, write_bytes
 from struck.files.container import from_bytes, to_bytes
-from struck.model.arrays import Array, Complex, Index, checked, require_number
+from struck.model.arrays import Array, Complex, Index, checked, require_number, require_numbers
 from struck.model.contact import Contact
 from struck.model.mesh import Mesh, Surface
 from struck.model.model import ModalModel
@@ -115,23 +115,38 @@ class SoundMap:
     brightness: Array
 
     def __post_init__(self) -> None:
-        stored, modes, faces = len(self.contacts), len(self.frequencies), len(self.surface.faces)
+        if not isinstance(self.surface, Mesh) or not isinstance(self.calibrated, bool):
+            raise ArgumentError(
+                f"surface is {article(type(self.surface).__name__)}, and calibrated is "
+                f"{article(type(self.calibrated).__name__)}: give a Mesh, and True or False"
+            )
+        stored, modes = np.shape(self.contacts)[:1], np.shape(self.frequencies)[:1]
+        faces = len(self.surface.faces)
         shapes = {
-            "decays": (modes,),
-            "contacts": (stored, 3),
-            "directions": (stored, 3),
-            "gains": (stored, modes),
+            "frequencies": modes,
+            "decays": modes,
+            "contacts": (*stored, 3),
+            "directions": (*stored, 3),
+            "gains": (*stored, *modes),
             "listener": (3,),
+            "level": (),
+            "threshold": (),
+            "bound": (),
             "owners": (faces,),
             "factors": (faces, 3),
             "brightness": (faces, 3),
         }
         for name, shape in shapes.items():
-            if np.shape(getattr(self, name)) != shape:
-                actual_shape = np.shape(getattr(self, name))
-                raise OptionError(f"{name} are {actual_shape}, not {shape}: make the map again")
-        if not (self.owners.min() >= 0 and self.owners.max() < stored):
-            raise OptionError(f"triangles take sounds beyond the {stored} stored: make it again")
+            require_numbers(name, getattr(self, name), shape, gaps=name == "brightness")
+            if name != "gains" and np.iscomplexobj(getattr(self, name)):
+                raise ArgumentError(f"{name} are complex: give real numbers")
+        if self.owners.dtype.kind not in "iu" or not (
+            self.owners.min() >= 0 and self.owners.max() < stored[0]
+        ):
+            raise OptionError(
+                f"owners are {self.owners.dtype.name} from {self.owners.min()} to "
+                f"{self.owners.max()}: give the index of one of {stored[0]} stored contacts each"
+            )
 
     def __repr__(self) -> str:
         contacts, modes = counted(len(self.contacts), "contact"), len(self.frequencies)

@@ -14,7 +14,7 @@ import numpy as np
 
 from struck.errors import MeshError, counted, rounded
 from struck.model.arrays import Array, Index, Mask
-from struck.model.mesh import Mesh
+from struck.model.mesh import Mesh, part_mesh
 from struck.model.mesh_topology import (
     Edges,
     boxes_of,
@@ -144,11 +144,8 @@ def separate_pieces(mesh: Mesh) -> Mesh:
     # So edges where several pieces meet belong to two faces of each, or are open.
     keys = np.repeat(pieces(mesh), 3) * len(mesh.points) + mesh.faces.ravel()
     used_keys, renumbered = np.unique(keys, return_inverse=True)
-    return Mesh(
-        points=mesh.points[used_keys % len(mesh.points)],
-        faces=renumbered.reshape(-1, 3),
-        up=mesh.up,
-    )
+    points = mesh.points[used_keys % len(mesh.points)]
+    return part_mesh(points, renumbered.reshape(-1, 3), mesh.up)
 
 
 def remove_fins(mesh: Mesh) -> tuple[Mesh, int]:
