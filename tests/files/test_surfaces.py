@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from struck.errors import FileFormatError, MeshError, OptionError, rounded
+from struck.errors import FileFormatError, MeshError, OptionError
 from struck.files.meshes import list_parts, load_body, load_mesh, load_surface
 
 FORMATS = ["obj", "stl", "ply", "off", "glb", "gltf"]
@@ -536,12 +536,14 @@ def test_plane_open_and_inside_out_name_the_file(tmp_path: Path) -> None:
     assert "its longest edge is 0" in message
 
 
-@pytest.mark.parametrize("factor", [1e-100, 1e100])
-def test_sizes_beyond_arithmetic(tmp_path: Path, factor: float) -> None:
+@pytest.mark.parametrize(
+    ("factor", "words"), [(1e-100, "its longest edge is 1e-100"), (1e100, "a vertex is 5e99")]
+)
+def test_sizes_beyond_arithmetic(tmp_path: Path, factor: float, words: str) -> None:
     lines = [f"v {factor * x} {factor * y} {factor * z}" for x, y, z in box().vertices]
     faces = [f"f {a} {b} {c}" for a, b, c in box().faces + 1]
     message = refused(saved(tmp_path / "a.obj", "\n".join(lines + faces)))
-    assert f"its longest edge is {rounded(factor, 3)}" in message
+    assert words in message
 
 
 def test_faces_of_one_or_two_vertices_alone(tmp_path: Path) -> None:

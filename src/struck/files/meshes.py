@@ -27,7 +27,7 @@ from struck.errors import (
 from struck.files.guard import read_contents, read_volume
 from struck.files.messages import READERS, ElementBlocks, Part
 from struck.model.arrays import UNITS, Array, Index, checked, numbers
-from struck.model.mesh import Arrays, Mesh, indices, part_mesh
+from struck.model.mesh import MAX_COORDINATE, SHORTEST_EDGE, Arrays, Mesh, indices, part_mesh
 from struck.model.mesh_topology import bodies, submesh
 from struck.solids.elements import ELEMENTS
 from struck.solids.surface.closedness import crossings, is_closed, require_closed, winding
@@ -53,8 +53,6 @@ _ELEMENTS = {
     "wedge15": "wedge15",
 }
 _FLAT_KINDS = ("vertex", "line", "triangle", "quad", "polygon")
-# Cubes of lengths must stay within the range of double precision.
-_MIN_SIZE, _MAX_SIZE = 1e-60, 1e60
 # Parts that are left out may have set the scale: if it is off by this fraction, it is set again.
 _SCALE_TOLERANCE = 0.01
 
@@ -563,10 +561,10 @@ def _join(surfaces: list[Mesh]) -> Mesh:
 
 
 def _clean(raw: Mesh) -> Mesh:
-    if not _MIN_SIZE < raw.extent < _MAX_SIZE:
+    if raw.extent <= SHORTEST_EDGE:  # of a part beside a larger one
         raise MeshError(
             f"its longest edge is {rounded(raw.extent, 3)}, and volumes can be computed from "
-            f"{rounded(_MIN_SIZE)} to {rounded(_MAX_SIZE)} alone: export it again"
+            f"{rounded(SHORTEST_EDGE)} on alone: export it again"
         )
     return _drop_lines(_weld(raw))
 
@@ -637,10 +635,10 @@ def _compact(nodes: Array, elements: Index, kind: str) -> VolumeMesh:
     if nodes.shape[1] != 3 or not np.isfinite(nodes[node_indices]).all():
         raise MeshError("its nodes are not finite numbers x, y and z: export the mesh again")
     extent = np.abs(nodes[node_indices]).max()
-    if extent > _MAX_SIZE:
+    if extent > MAX_COORDINATE:
         raise MeshError(
             f"a node is {rounded(extent, 3)} m from the origin, and volumes can be computed "
-            f"within {rounded(_MAX_SIZE)} m alone: export the mesh again"
+            f"within {rounded(MAX_COORDINATE)} m alone: export the mesh again"
         )
     return VolumeMesh(
         nodes=nodes[node_indices], elements=renumbered.reshape(elements.shape), kind=kind

@@ -38,7 +38,7 @@ class Mesh:
     Raises
     ------
     MeshError
-        If points are not finite or beyond 1e150 m, indices are out of range, there are no faces, or
+        If points are not finite or beyond 1e60 m, indices are out of range, there are no faces, or
         none has an area.
 
     Examples
@@ -286,10 +286,10 @@ def require_vertices(points: Array) -> None:
             f"{bad_count} of {len(points)} vertices are not finite: export the mesh again"
         )
     distance = np.abs(points).max(initial=0.0)
-    if distance > _FARTHEST:
+    if distance > MAX_COORDINATE:
         raise MeshError(
-            f"a vertex is {rounded(distance, 3)} from the origin, and {rounded(_FARTHEST)} can be "
-            "computed with: export the mesh again"
+            f"a vertex is {rounded(distance, 3)} from the origin, and volumes can be computed "
+            f"within {rounded(MAX_COORDINATE)} alone: export the mesh again"
         )
 
 
@@ -320,9 +320,9 @@ def _lines(points: Array, faces: Index) -> Iterator[Mask]:
         corners = points[faces[start : start + _AT_ONCE]]
         edges = corners - np.roll(corners, 1, axis=1)
         longest = np.abs(edges).max(axis=(1, 2))
-        edges /= np.maximum(longest, _SHORTEST_EDGE)[:, None, None]
+        edges /= np.maximum(longest, SHORTEST_EDGE)[:, None, None]
         doubled_areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-        yield (doubled_areas <= _THINNEST_FACE) | (longest <= _SHORTEST_EDGE)
+        yield (doubled_areas <= _THINNEST_FACE) | (longest <= SHORTEST_EDGE)
 
 
 def part_mesh(points: Array, faces: Index, up: str = "z") -> Mesh:
@@ -338,7 +338,8 @@ def part_mesh(points: Array, faces: Index, up: str = "z") -> Mesh:
 
 _TINY = np.finfo(np.float64).tiny
 _FARTHEST = 1e150  # m: squares beyond it are infinite, and compiled code returns what it finds
-_SHORTEST_EDGE = 1e-150  # m: the product of two shorter edges is 0 in double precision
+# m: cubes of lengths, and sums of such, stay within the range of double precision.
+SHORTEST_EDGE, MAX_COORDINATE = 1e-60, 1e60
 # Below this height over its longest side a triangle is a line, within rounding.
 _THINNEST_FACE = 1e-12
 _AT_ONCE = 2**12
