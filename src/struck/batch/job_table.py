@@ -8,7 +8,6 @@ import inspect
 import io
 import os
 import pickle
-import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -23,10 +22,12 @@ from struck.errors import (
     OptionError,
     article,
     nearest,
+    printable,
     require_choice,
 )
-from struck.files.atomic import is_file, is_folder, read_bytes
+from struck.files.atomic import is_file, is_folder
 from struck.files.messages import FORMATS, READERS
+from struck.files.toml_text import read_text, read_toml
 from struck.model.arrays import UNITS
 from struck.model.damping import require_band
 from struck.model.material import Material
@@ -35,6 +36,8 @@ from struck.solids.resolution import level
 _KINDS = {*FORMATS, *(suffix[1:] for suffix in READERS)}
 _PACKED = {".gz", ".bz2", ".xz", ".zip"}
 _COLUMNS = {"file", "output", "material", *OPTIONS}
+_MAX_LISTED, _MAX_SHOWN = 3, 60  # names in a message, and characters of each
+_MAX_TEXT = 300  # characters of a row in a message
 Files = str | os.PathLike[str] | Iterable[str | os.PathLike[str]] | None
 Table = str | os.PathLike[str] | Sequence[Mapping[str, Any]] | None
 
@@ -149,11 +152,13 @@ def _require_sendable(jobs: Sequence[BodyJob]) -> None:
 
 def require_known(names: Iterable[object], place: str, known: Iterable[str]) -> None:
     """Refuse names that are not known, with the nearest."""
-    unknown = {str(item) for item in names} - {*known}
+    unknown = sorted({str(item) for item in names} - {*known})
     if unknown:
-        suggestions = "".join(nearest(item, known) for item in sorted(unknown))
+        texts = [printable(item)[:_MAX_SHOWN] for item in unknown[:_MAX_LISTED]]
+        others = f" and {len(unknown) - len(texts)} more" * (len(unknown) > len(texts))
+        suggestions = "".join(nearest(item, known) for item in texts)
         raise OptionError(
-            f"{place} has no {', '.join(sorted(unknown))}: {suggestions}give some of "
+            f"{place} has no {', '.join(texts)}{others}: {suggestions}give some of "
             f"{', '.join(sorted(known))}"
         )
 
@@ -169,35 +174,49 @@ def _rows(table: Table) -> Iterator[tuple[Mapping[str, Any], Path]]:
         name, root, rows = "the table", Path(), table or ()
     for number, row in enumerate(rows, start=1):
         place = f"row {number} of {name}"
-        if not isinstance(row, Mapping) or not row.get("file"):
+        file = row.get("file") if isinstance(row, Mapping) else None
+        if not isinstance(file, str | os.PathLike) or not os.fspath(file):
             raise OptionError(f"{place} names no file: it is needed in each row")
         require_known(row, place, _COLUMNS)
+        if any(isinstance(value, str) and "\0" in value for value in row.values()):
+            raise OptionError(f"{place} has a text with a NUL character: take it out")
         given = {key: value for key, value in row.items() if value is not None and value != ""}
         try:
             read = {key: _READ[key](value) for key, value in given.items() if key in _READ}
             yield {**given, **read}, root
-        except (ValueError, TypeError, KeyError) as error:
-            raise OptionError(f"{place} is not understood ({error}): {dict(given)}") from error
+        except (ValueError, TypeError, KeyError, ArithmeticError) as error:
+            text = printable(f"({error}): {dict(given)}")[:_MAX_TEXT]
+            raise OptionError(f"{place} is not understood {text}: correct it there") from error
 
 
 def table_rows(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
     """Return the rows of a CSV file with names in its first line, or of the one array of a TOML."""
-    data = read_bytes(path)
+    if Path(path).suffix.lower() == ".toml":
+        arrays = list(read_toml(path).values())
+        if len(arrays) != 1 or not _is_table(arrays[0]):
+            raise FileFormatError(f"{path} holds no table: give [[files]] for each row and no more")
+        return arrays[0]
+    text = read_text(path)
+    named = text.partition("\n")[0]
+    between = next((item for item in ";\t" if item in named and "," not in named), ",")
     try:
-        text = data.decode("utf-8-sig")
-        if Path(path).suffix.lower() != ".toml":
-            named = text.partition("\n")[0]
-            between = next((item for item in ";\t" if item in named and "," not in named), ",")
-            lines = io.StringIO(text, newline="")
-            return list(csv.DictReader(lines, delimiter=between, strict=True))
-        (rows,) = tomllib.loads(text).values()
-        return list(rows)
-    except (ValueError, TypeError, csv.Error, RecursionError) as error:
-        reason = "it is no text" if isinstance(error, UnicodeDecodeError) else error
+        lines = io.StringIO(text, newline="")
+        return list(csv.DictReader(lines, delimiter=between, strict=True))
+    except csv.Error as error:
         raise FileFormatError(
-            f"{path} is no CSV or TOML table ({reason}): give CSV with the names of its columns "
-            "in the first line, or TOML with [[files]] for each"
+            f"{path} is no CSV table ({error}): give the names of its columns in the first line"
         ) from error
+
+
+def _is_table(value: object) -> bool:
+    return isinstance(value, list) and all(isinstance(row, dict) for row in value)
+
+
+def _count(value: Any) -> int:  # noqa: ANN401 - a cell of a table
+    """Return a cell as a whole number."""
+    if not float(value).is_integer():
+        raise ValueError(f"{value} is no whole number")
+    return int(float(value))
 
 
 def _numbers(value: Any) -> Any:  # noqa: ANN401
@@ -218,7 +237,7 @@ def _box(value: Any) -> Any:  # noqa: ANN401
 # How the cells of a CSV table are read, by the name of their column.
 _READ: Mapping[str, Callable[[Any], Any]] = {
     **dict.fromkeys(("size", "wall"), float),
-    "modes": int,
+    "modes": _count,
     **dict.fromkeys(
         ("repair", "recoil"), lambda value: {"true": True, "false": False}[str(value).lower()]
     ),

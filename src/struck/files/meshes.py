@@ -561,7 +561,7 @@ def _join(surfaces: list[Mesh]) -> Mesh:
 
 
 def _clean(raw: Mesh) -> Mesh:
-    if raw.extent <= SHORTEST_EDGE:  # of a part beside a larger one
+    if raw.extent <= SHORTEST_EDGE:  # of a part among larger ones
         raise MeshError(
             f"its longest edge is {rounded(raw.extent, 3)}, and volumes can be computed from "
             f"{rounded(SHORTEST_EDGE)} on alone: export it again"

@@ -28,7 +28,6 @@ from struck.recordings.manifest import (
     Place,
     TomlTable,
     numbers,
-    read_toml,
     require_named,
     toml_listeners,
 )
@@ -537,7 +536,7 @@ def read_plan(path: str | os.PathLike[str]) -> CapturePlan:
         If the file cannot be read, or a key is unknown, missing or out of range.
     """
     source = Path(path)
-    table = read_toml(source)
+    table = TomlTable.read(source)
     try:
         plan = _plan(table, real(source).parent)
     except OptionError as error:

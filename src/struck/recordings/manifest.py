@@ -7,8 +7,6 @@ import io
 import json
 import math
 import os
-import re
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -21,25 +19,23 @@ from struck.errors import (
     OptionError,
     RecordingError,
     counted,
+    printable,
     require_choice,
     rounded,
 )
-from struck.files.atomic import is_file, read_bytes, real
+from struck.files.atomic import is_file, real
+from struck.files.toml_text import read_text, read_toml
 from struck.model.arrays import Array, Index, checked
 from struck.model.survey import SYMMETRIES, from_spherical
 
 NAME = "manifest.toml"  # of the manifest that `struck record` writes
 KINDS = (".toml", ".csv")
 _HEAD = "# What was struck where and heard from where, m; `struck record` wrote it.\n"
-MAX_BYTES = 2**23  # bytes of a file that is read; the slowest file of this size takes ten seconds
-_BITS = 63  # of a whole number in TOML, its sign apart
-# Reading a key takes time as the square of its parts.
-_MAX_KEY_PARTS = 64
-_LONG_KEY = re.compile(r"""(?:\.[ \t]*[\w"'-]{1,99}[ \t]*){64}""")
 RATES = (8_000, 192_000)  # Hz, of recordings
 LONGEST = 600.0  # s, of a take
 MOST_HITS = 1000
 _LEVELS = (-400.0, 400.0)  # dB
+_MAX_SHOWN = 200  # characters of unknown names in a message
 
 Place = tuple[float, ...]
 
@@ -201,7 +197,7 @@ def read_manifest(path: str | os.PathLike[str]) -> Manifest:
     if kind == ".csv":
         manifest = Manifest(path=source, entries=csv_entries(read_text(source), str(source)))
     elif kind == ".toml":
-        manifest = _manifest_of_table(source, read_toml(source))
+        manifest = _manifest_of_table(source, TomlTable.read(source))
     else:
         raise FileFormatError(f"{source} ends in {kind!r}: give a manifest in .toml or .csv")
     if not manifest.entries:
@@ -222,7 +218,7 @@ def recorded_so_far(path: Path) -> Manifest:
     """Read a manifest that is being written, without takes whose files have gone."""
     if not os.path.lexists(path):
         return Manifest(path=path, entries=())
-    manifest = _manifest_of_table(path, read_toml(path))
+    manifest = _manifest_of_table(path, TomlTable.read(path))
     files_and_entries = zip(manifest.files, manifest.entries, strict=True)
     return replace(
         manifest, entries=tuple(entry for file, entry in files_and_entries if is_file(file))
@@ -363,6 +359,11 @@ class TomlTable:
         self._values = values
         self._known: list[str] = []
 
+    @classmethod
+    def read(cls, path: Path) -> TomlTable:
+        """Return the table of a TOML file."""
+        return cls(read_toml(path), str(path))
+
     def __contains__(self, key: str) -> bool:
         return key in self._values
 
@@ -453,9 +454,8 @@ class TomlTable:
         """Raise FileFormatError on keys that the format does not have."""
         unknown_keys = sorted(set(self._values) - set(self._known))
         if unknown_keys:
-            raise self.error(
-                f"{', '.join(unknown_keys)} is not known here: use {', '.join(sorted(self._known))}"
-            )
+            names = printable(", ".join(unknown_keys))[:_MAX_SHOWN]
+            raise self.error(f"{names} is not known here: use {', '.join(sorted(self._known))}")
 
     def error(self, trouble: str) -> FileFormatError:
         """Return an error whose message names the table."""
@@ -474,42 +474,6 @@ def numbers(value: object, table: TomlTable, key: str, *counts: int) -> tuple[fl
             f"{key} is {_format_value(value)}: give a list of {lengths} finite numbers"
         )
     return tuple(map(float, value))
-
-
-def read_toml(path: Path) -> TomlTable:
-    """Return the table of a TOML file."""
-    text = read_text(path)
-    try:
-        return TomlTable(_parsed(text), str(path))
-    except RecursionError as error:
-        raise FileFormatError(
-            f"{path} has lists or tables too deep in one another: make them flat"
-        ) from error
-    except ValueError as error:
-        raise FileFormatError(f"{path} is no TOML: {error}; correct it there") from error
-
-
-def _parsed(text: str) -> dict[str, object]:
-    """Return the table of a TOML text; ValueError if it is invalid, RecursionError if too deep."""
-    if _LONG_KEY.search(text):
-        raise ValueError(f"a key has more than {_MAX_KEY_PARTS} parts")
-    table = tomllib.loads(text)
-    pending_values: list[object] = [table]
-    while pending_values:
-        value = pending_values.pop()
-        if isinstance(value, int) and value.bit_length() > _BITS:
-            raise ValueError(f"a number has {value.bit_length()} bits, and at most {_BITS} fit")
-        if isinstance(value, dict | list):
-            pending_values += value.values() if isinstance(value, dict) else value
-    return table
-
-
-def read_text(path: Path) -> str:
-    """Return the text of a file in UTF-8, with or without a byte order mark."""
-    try:
-        return read_bytes(path, most=MAX_BYTES).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise FileFormatError(f"{path} is no UTF-8 text: save it as UTF-8") from error
 
 
 def _is_number(value: object) -> TypeGuard[float]:
@@ -570,9 +534,9 @@ def _require_columns(header: Sequence[str], name: str) -> None:
     unknown_columns = [column for column in header if column not in COLUMNS]
     if unknown_columns:
         hint = "separate names by commas, and " if len(header) == 1 else ""
+        names = printable(", ".join(map(repr, unknown_columns)))[:_MAX_SHOWN]
         raise FileFormatError(
-            f"{name}: the columns {', '.join(map(repr, unknown_columns))} are not known: {hint}use "
-            f"{', '.join(COLUMNS)}"
+            f"{name}: the columns {names} are not known: {hint}use {', '.join(COLUMNS)}"
         )
     repeated_columns = [column for column in dict.fromkeys(header) if header.count(column) > 1]
     if repeated_columns:
