@@ -367,7 +367,7 @@ def works(process: int) -> bool:
 
 
 def killed(folder: Path, out: str, moment: float, *more: str) -> dict[Path, int]:
-    """Kill all processes of a run at a moment, s; return its models with their times."""
+    """Kill all processes of a run at a moment, s; return finished models with their times."""
     process = shell(folder, out, *more)
     time.sleep(moment)
     family = tree(process.pid)
@@ -377,7 +377,9 @@ def killed(folder: Path, out: str, moment: float, *more: str) -> dict[Path, int]
     while any(map(works, family[1:])):
         time.sleep(0.01)
     process.communicate()
-    return {path: path.stat().st_mtime_ns for path in (folder / out).rglob("*.struck")}
+    models = (folder / out).rglob("*.struck")
+    finished = (path for path in models if path.with_suffix(".facts.json").exists())
+    return {path: path.stat().st_mtime_ns for path in finished}
 
 
 def ends_as(expected: dict[str, bytes], folder: Path, finished: dict[Path, int]) -> None:

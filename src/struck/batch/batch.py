@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 from struck.batch.batch_report import PAGES, BatchReport, BatchRow, require_labels
 from struck.batch.job import FACTS, OPTIONS, BodyJob
-from struck.batch.job_process import Facts, find_finished
+from struck.batch.job_process import Facts, find_finished, reopen
 from struck.batch.job_table import Table, jobs_of, require_known, table_rows
 from struck.batch.processes import Processes, failure
 from struck.batch.strike_set import Strikes, StrikeSet
 from struck.core import machine
-from struck.errors import FileFormatError, OptionError, SolverError, StruckError
-from struck.files.atomic import read_bytes, real, sweep, unread, write_bytes
+from struck.errors import OptionError, SolverError, StruckError
+from struck.files.atomic import make_folder, read_bytes, real, sweep, unread, write_bytes
 from struck.model.arrays import checked, require_number
 from struck.model.material import Material
 from struck.model.provenance import Progress, silent
@@ -208,11 +208,7 @@ def _require_apart(jobs: Iterable[BodyJob], table: Table, pages: list[Path], fol
 
 def _make_run(folder: Path, jobs: Iterable[BodyJob]) -> str:
     """Make the output folder without files of killed runs, and return the name of this run."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise FileFormatError(f"{folder} cannot be made ({reason}): name another") from error
+    make_folder(folder, parents=True)
     for each in {job.path(folder).parent for job in jobs}:
         sweep(each)
     name = secrets.token_hex(16)
@@ -301,11 +297,12 @@ class _Batch:
         facts = json.loads(text.replace(json.dumps(first.file)[1:-1], json.dumps(twin.file)[1:-1]))
         try:
             if "files" in facts:
-                twin.path(self._folder).parent.mkdir(parents=True, exist_ok=True)
+                make_folder(twin.path(self._folder).parent, parents=True)
                 model = read_bytes(first.path(self._folder))
                 facts["files"] = {twin.path(Path()).as_posix(): len(model)}
-                write_bytes(twin.path(self._folder, FACTS), json.dumps(facts, indent=1).encode())
+                reopen(twin, self._folder)
                 write_bytes(twin.path(self._folder), model)
+                write_bytes(twin.path(self._folder, FACTS), json.dumps(facts, indent=1).encode())
         except (OSError, StruckError) as error:
             return failure("FileFormatError", str(error))
         return facts

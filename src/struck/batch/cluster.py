@@ -21,10 +21,10 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from struck.analysis.cached_steps import method
 from struck.batch.batch_report import PAGES
 from struck.batch.job import FACTS, BodyJob
-from struck.batch.job_process import Facts
+from struck.batch.job_process import Facts, reopen
 from struck.batch.processes import Processes, failure
 from struck.errors import MissingDependencyError, OptionError, SolverError
-from struck.files.atomic import write_bytes
+from struck.files.atomic import make_folder, write_bytes
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -88,9 +88,11 @@ class Cluster:
             self._gone()
         try:
             answer = future.result(timeout=_LONGEST)
+            if answer["contents"]:
+                reopen(job, self._folder)
             for name, data in answer["contents"].items():
                 path = self._folder / name
-                path.parent.mkdir(parents=True, exist_ok=True)
+                make_folder(path.parent, parents=True)
                 write_bytes(path, data)
         except Exception as error:  # noqa: BLE001 - of whatever kind, it is this job's alone
             return job, failure(type(error).__name__, f"{error} (on the worker {worker})")
@@ -162,9 +164,8 @@ def task(job: BodyJob, folder: str, run: str) -> dict[str, Any]:
             while (outcome := crew.finished(_POLL_INTERVAL)) is None:
                 pass
         facts, names = outcome[1], []
-        if not is_shared and "key" in facts:  # the model last, with which the job is finished
-            names = [*facts.get("files", {})]
-            names.insert(-1, f"{job.output}{FACTS}")
+        if not is_shared and "key" in facts:  # the facts last, with which the job is finished
+            names = [*facts.get("files", {}), f"{job.output}{FACTS}"]
         contents = {name: (place / name).read_bytes() for name in names if (place / name).exists()}
     return {"facts": facts, "contents": contents}
 

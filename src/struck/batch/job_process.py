@@ -37,7 +37,7 @@ from struck.errors import (
     counted,
 )
 from struck.files import guard, meshes, model_file
-from struck.files.atomic import read_bytes, write_bytes
+from struck.files.atomic import make_folder, read_bytes, write_bytes
 from struck.model.model import ModalModel
 from struck.model.provenance import ForecastStage
 from struck.radiation import by_name
@@ -144,7 +144,7 @@ def done(job: BodyJob, folder: Path, progress: Callable[[str, float], None]) -> 
     """Analyze a body, write its model into a folder, and return the facts of its facts file."""
     facts: Facts = {"key": job.key}
     try:
-        job.path(folder).parent.mkdir(parents=True, exist_ok=True)
+        make_folder(job.path(folder).parent, parents=True)
         with _noting_warnings(facts):
             facts["parts"] = _several(job)
             if facts["parts"]:
@@ -199,22 +199,20 @@ def _describe(model: ModalModel) -> Facts:
 
 
 def _write(job: BodyJob, folder: Path, facts: Facts, model: ModalModel) -> Facts:
-    """Write sounds, then facts, and the model last: with it the job is finished."""
+    """Write sounds and the model, and facts last: each file is the old or the new one."""
     # Strikes that cannot be made leave what an earlier run has made.
     chosen = [] if job.strikes is None else job.strikes.labels(model, job.output)
-    old_facts, stem = _facts(job, folder), Path(job.output).name
-    job.path(folder, FACTS).unlink(missing_ok=True)
-    old_names = [name for name in old_facts.get("files", {}) if Path(name).name.startswith(stem)]
-    remaining_names = [
-        name for name in old_names if job.strikes is None and not name.endswith(MODEL)
-    ]
-    for name in {*old_names} - {*remaining_names}:  # made with other options
-        (folder / name).unlink(missing_ok=True)
+    stem = Path(job.output).name
+    old_names = [name for name in reopen(job, folder) if Path(name).name.startswith(stem)]
     labels = chosen
     if job.strikes is not None:
         labels = job.strikes.written(model, chosen, job.output, folder)
     data = model_file.to_bytes(model)
+    write_bytes(job.path(folder), data)
     sounds = dict.fromkeys(label["sound"] for label in labels)
+    remaining_names = [
+        name for name in old_names if job.strikes is None and not name.endswith(MODEL)
+    ]
     if old_sounds := [name for name in remaining_names if (folder / name).is_file()]:
         files = counted(len(old_sounds), "file")
         warning = f"{files} of sounds of an earlier run: strikes= makes them again"
@@ -222,9 +220,18 @@ def _write(job: BodyJob, folder: Path, facts: Facts, model: ModalModel) -> Facts
         sounds |= dict.fromkeys(old_sounds)
     sizes = {name: (folder / name).stat().st_size for name in sounds}
     facts |= {"files": {**sizes, f"{job.output}{MODEL}": len(data)}, "labels": labels, **_cost()}
-    _keep(job, folder, facts)
-    write_bytes(job.path(folder), data)
-    return facts
+    for name in {*old_names} - {*facts["files"]}:  # made with other options
+        (folder / name).unlink(missing_ok=True)
+    return _keep(job, folder, facts)
+
+
+def reopen(job: BodyJob, folder: Path) -> list[str]:
+    """Mark a job as unfinished before its files are replaced; return the names of its files."""
+    facts = _facts(job, folder)
+    names: dict[str, int] = facts.get("files", {})
+    if "key" in facts:  # else there are no facts, or they are of a run that was killed
+        _keep(job, folder, {"files": names})
+    return [*names]
 
 
 def _keep(job: BodyJob, folder: Path, facts: Facts) -> Facts:

@@ -198,6 +198,21 @@ def _same(one: Path, other: Path) -> bool:
         return False
 
 
+def make_folder(folder: str | os.PathLike[str], *, parents: bool = False) -> Path:
+    """Make a folder unless it exists, and return its path; FileFormatError if that fails."""
+    path = Path(folder)
+    try:
+        path.mkdir(parents=parents, exist_ok=True)
+    except (OSError, ValueError) as error:
+        if isinstance(error, FileNotFoundError) and not is_folder(path.parent):
+            raise FileFormatError(f"there is no folder {path.parent}: make it first") from error
+        reason = getattr(error, "strerror", None) or error
+        raise FileFormatError(
+            f"the folder {folder} cannot be made ({reason}): give another, or free some space"
+        ) from error
+    return path
+
+
 def sweep(folder: Path) -> int:
     """Remove and count the hidden files of processes that were killed while writing."""
     # A process of our own computer and namespace is known to be gone; files of others are left

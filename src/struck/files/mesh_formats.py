@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import io
 import re
-import tempfile
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
@@ -433,10 +432,9 @@ def write_shapes(model: ModalModel, path: str | os.PathLike[str]) -> None:
         )
     }
     faces = [("triangle", gains.surface.faces)]
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "shapes.vtu"
-        meshio.vtu.write(file, meshio.Mesh(gains.surface.points, faces, point_data=fields))
-        write_bytes(path, file.read_bytes())
+    data = io.BytesIO()
+    meshio.vtu.write(data, meshio.Mesh(gains.surface.points, faces, point_data=fields))
+    write_bytes(path, data.getvalue())
 
 
 _READERS: dict[str, Callable[[Source, ReadingLimits], tuple[Iterable[Part], Counter[str]]]] = {

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from struck.errors import ArgumentError, FileFormatError, OptionError, article, rounded
-from struck.files.atomic import write_bytes
+from struck.errors import ArgumentError, OptionError, article, rounded
+from struck.files.atomic import make_folder, write_bytes
 from struck.files.sound import PEAK, Sound
 from struck.files.sound_formats import chosen, decoded
 from struck.model.arrays import checked, require_number
@@ -93,15 +93,9 @@ def save_set(
         f"{name}{suffix}": sound.encoded(1 / level, suffix, sound_encoding) for name, sound in pairs
     }
     _require_levels(files, sound_list, level, sound_encoding)
-    try:
-        Path(folder).mkdir(exist_ok=True)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise FileFormatError(
-            f"the folder {folder} cannot be made ({reason}): give another, in one that is there"
-        ) from error
+    place = make_folder(folder)
     for file, data in files.items():
-        write_bytes(Path(folder) / file, data)
+        write_bytes(place / file, data)
     rows = []
     for (name, sound), columns in zip(pairs, _columns(strikes or [None] * len(pairs)), strict=True):
         unit = "Pa" if sound.calibrated else "relative"
@@ -111,7 +105,7 @@ def save_set(
         rows.append({"name": name, **dict([file]), **columns, **dict(others)})
     text = io.StringIO(newline="")
     csv.writer(text, lineterminator="\n").writerows([rows[0], *(row.values() for row in rows)])
-    write_bytes(Path(folder) / TABLE, text.getvalue().encode())
+    write_bytes(place / TABLE, text.getvalue().encode())
     return rows
 
 

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from struck.errors import FileFormatError, OptionError, article, require_choice
+from struck.errors import OptionError, article, require_choice
 from struck.files import wav
-from struck.files.atomic import write_bytes
+from struck.files.atomic import make_folder, write_bytes
 from struck.files.sound import PEAK, Sound
 from struck.model.arrays import Array, checked
 from struck.perception.sound_map import SoundMap
@@ -71,7 +71,7 @@ def write_bank(
         for contact, direction in contacts_and_directions
     ]
     factor = PEAK / _peak(sounds)
-    place = _make_folder(folder)
+    place = make_folder(folder, parents=True)
     digits = len(str(len(sounds) - 1))
     names = [f"contact_{number:0{digits}d}.wav" for number in range(len(sounds))]
     for name, sound in zip(names, sounds, strict=True):
@@ -81,17 +81,6 @@ def write_bank(
     text = json.dumps(_manifest(sound_map, names, sounds[0], factor), separators=(",", ":"))
     write_bytes(place / MANIFEST, text.encode())
     return place / MANIFEST
-
-
-def _make_folder(folder: str | os.PathLike[str]) -> Path:
-    place = Path(folder)
-    try:
-        place.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileFormatError(
-            f"{folder} cannot be made a folder ({error.strerror or error}): give another name"
-        ) from error
-    return place
 
 
 def _peak(sounds: list[Sound]) -> float:

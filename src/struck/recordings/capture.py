@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from struck.errors import FileFormatError, RecordingError
 from struck.files import wav
-from struck.files.atomic import is_file, read_bytes, write_bytes
+from struck.files.atomic import is_file, make_folder, read_bytes, write_bytes
 from struck.files.sound import Sound
 from struck.model.arrays import Array, Complex, checked
 from struck.model.provenance import Progress, silent
@@ -296,7 +296,7 @@ class TakeLog:
     """A folder of takes with a manifest, from an earlier run or new; each is written whole."""
 
     def __init__(self, plan: CapturePlan, folder: Path) -> None:
-        _make(folder)
+        make_folder(folder)
         self._plan = plan
         self._manifest = recorded_so_far(folder / NAME)
         if plan.sample_rate is not None:
@@ -365,17 +365,6 @@ class TakeLog:
                 f"{self.path} has takes of {rates.pop()} Hz, and now {rate} Hz are recorded: give "
                 "that sample_rate in the plan, or record into another folder"
             )
-
-
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(exist_ok=True)
-    except FileNotFoundError as error:
-        raise FileFormatError(f"there is no folder {folder.parent}: make it first") from error
-    except OSError as error:
-        raise FileFormatError(
-            f"the folder {folder} cannot be made ({error.strerror or error}): give another"
-        ) from error
 
 
 def estimate_gains(takes: Sequence[Sequence[Sound]], lead_in: float) -> Complex:

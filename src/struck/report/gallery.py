@@ -15,14 +15,14 @@ import numpy as np
 from struck.analysis.analysis import BAND, analyze
 from struck.analysis.discretisation import Solid
 from struck.analysis.source_options import applicable
-from struck.errors import FileFormatError, counted, require_choice, rounded
+from struck.errors import counted, require_choice, rounded
 from struck.excitation.excitation import Hold
 from struck.excitation.pluck import Pluck
 from struck.excitation.roughness import Profile, Roughness
 from struck.excitation.scrape import Roll, Scrape
 from struck.excitation.strike import Strike
 from struck.files import model_file
-from struck.files.atomic import write_bytes
+from struck.files.atomic import make_folder, write_bytes
 from struck.files.sound import Sound
 from struck.model.arrays import checked
 from struck.model.damping import InternalFriction, Rayleigh
@@ -428,10 +428,7 @@ def gallery(folder: Path, progress: Progress = silent, pieces: Sequence[str] | N
     for piece in pieces or ():
         require_choice("pieces", piece, names)
     chosen = names if pieces is None else pieces
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileFormatError(f"{folder} cannot be made ({error.strerror}): name another") from None
+    make_folder(folder, parents=True)
     index = _Index(folder=folder)
     index.write()
     makers = [_pages_of_shapes(folder, progress, chosen)]

@@ -22,7 +22,7 @@ import numpy as np
 from struck.analysis.analysis import analyze
 from struck.ears.listeners import Binaural
 from struck.errors import require_choice
-from struck.files.atomic import write_bytes
+from struck.files.atomic import make_folder, write_bytes
 from struck.files.sound import Sound
 from struck.model.arrays import Array, checked
 from struck.model.damping import Rayleigh
@@ -160,7 +160,7 @@ def scene2002(
         If MuJoCo is not installed.
     """
     require_choice("name", name, SCENES)
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder, parents=True)
     played = _played(SCENES[name](folder, accuracy), folder, accuracy, progress)
     return _saved(played, folder, stems=stems)
 
