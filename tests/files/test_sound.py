@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import base64
 import io
+import os
 import re
+import signal as signals
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +17,7 @@ from scipy import signal
 
 import struck
 from struck.errors import FileFormatError, OptionError
-from struck.files import guard, wav
+from struck.files import guard, sound_formats, wav
 from struck.files.guard import Guard
 from struck.files.messages import ReadingLimits
 from struck.files.sound import Sound
@@ -230,3 +233,25 @@ def test_numbers_of_samples_that_are_not_there_cost_nothing(tmp_path: Path, fram
     (tmp_path / "a.flac").write_bytes(data)
     with pytest.raises(FileFormatError, match=r"a\.flac cannot be read as a sound"):
         Sound.load(tmp_path / "a.flac")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGINT for one process")
+@pytest.mark.parametrize("ending", [".flac", ".ogg", ".aiff", ".mp3"])
+def test_ctrl_c_amid_the_encoding_comes_through(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str
+) -> None:
+    """Cffi drops what is raised in the callbacks by which soundfile writes."""
+    buffers = []
+
+    class Interrupting(io.BytesIO):
+        def write(self, data: object, /) -> int:
+            if self not in buffers:
+                buffers.append(self)
+                os.kill(os.getpid(), signals.SIGINT)
+            return super().write(data)
+
+    monkeypatch.setattr(sound_formats, "io", SimpleNamespace(BytesIO=Interrupting))
+    with pytest.raises(KeyboardInterrupt):
+        tone().save(tmp_path / f"a{ending}")
+    assert len(buffers) == 1
+    assert not list(tmp_path.iterdir())

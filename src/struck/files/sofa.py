@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import version
-from io import BytesIO
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -71,8 +70,8 @@ def write_container(
     h5py = _library()
     now = datetime.now(tz=UTC).strftime("%Y-%m-%d %H:%M:%S")
     general = {"APIVersion": version("struck"), "DateCreated": now, "DateModified": now}
-    buffer = BytesIO()
-    with h5py.File(buffer, "w", track_order=True) as file:
+    # Not into a BytesIO: h5py replaces an interruption of its methods by another error.
+    with h5py.File("memory", "w", driver="core", backing_store=False, track_order=True) as file:
         _describe(file, {**_COMMON, **general, **attributes})
         sizes = dict[str, int]()
         for variable in variables.values():
@@ -80,7 +79,9 @@ def write_container(
         scales = _made_dimensions(file, sizes, variables)
         for name, variable in variables.items():
             _fill(file, name, variable, scales)
-    write_bytes(path, buffer.getvalue())
+        file.flush()
+        data = file.id.get_file_image()
+    write_bytes(path, data)
 
 
 def _made_dimensions(

@@ -8,11 +8,12 @@ from __future__ import annotations
 import io
 import os
 import re
-from collections.abc import Mapping
+import threading
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -35,6 +36,7 @@ _FORMATS: Mapping[str, tuple[str, Mapping[str, str]]] = {
 }
 ENDINGS = tuple(_FORMATS)
 _FRAMES_AT_ONCE = 2**18
+_Result = TypeVar("_Result")
 
 
 def chosen(path: str | os.PathLike[str], encoding: str | None = None) -> tuple[str, str]:
@@ -80,7 +82,8 @@ def encoded(recording: wav.Recording, ending: str, encoding: str) -> bytes:
             "level='peak' or a higher one in Pa, or as WAV in float32"
         )
     soundfile, data = _soundfile(name), io.BytesIO()
-    try:
+
+    def encode(is_stopped: Callable[[], bool]) -> None:
         with soundfile.SoundFile(
             data,
             "w",
@@ -91,7 +94,13 @@ def encoded(recording: wav.Recording, ending: str, encoding: str) -> bytes:
         ) as file:
             with suppress(RuntimeError):  # not all formats have comments
                 file.comment = recording.comment
-            file.write(samples.T)
+            for start in range(0, samples.shape[1], _FRAMES_AT_ONCE):
+                if is_stopped():
+                    return
+                file.write(samples[:, start : start + _FRAMES_AT_ONCE].T)
+
+    try:
+        _run_in_thread(encode)
     except RuntimeError as error:
         reason = re.sub("Error opening <.*?>: |Error : ", "", str(error)).rstrip(".")
         raise OptionError(
@@ -105,10 +114,34 @@ def decoded(data: bytes, ending: str, name: str = "the file") -> wav.Recording:
     """Return the samples in the bytes that `encoded` made."""
     if ending == ".wav":
         return wav.decode(data, name)
-    with _soundfile(_FORMATS[ending][0]).SoundFile(io.BytesIO(data)) as file:
-        samples = file.read(dtype="float32", always_2d=True).T
-        rate, comment = int(file.samplerate), str(file.comment)
-    return wav.Recording(samples=np.ascontiguousarray(samples), sample_rate=rate, comment=comment)
+    soundfile = _soundfile(_FORMATS[ending][0])
+
+    def decode(_is_stopped: Callable[[], bool]) -> wav.Recording:
+        with soundfile.SoundFile(io.BytesIO(data)) as file:
+            samples = np.ascontiguousarray(file.read(dtype="float32", always_2d=True).T)
+            rate, comment = int(file.samplerate), str(file.comment)
+        return wav.Recording(samples=samples, sample_rate=rate, comment=comment)
+
+    return _run_in_thread(decode)
+
+
+def _run_in_thread(work: Callable[[Callable[[], bool]], _Result]) -> _Result:
+    """Return the result of work in a thread; the argument of `work` returns whether to stop.
+
+    Signals interrupt the main thread alone: soundfile drops what is raised in its callbacks.
+    """
+    from concurrent.futures import ThreadPoolExecutor
+
+    stop = threading.Event()
+    with ThreadPoolExecutor(1) as threads:
+        try:
+            result = threads.submit(work, stop.is_set)
+        except RuntimeError:  # while Python ends there are no new threads
+            return work(stop.is_set)
+        try:
+            return result.result()
+        finally:
+            stop.set()
 
 
 def load_recording(path: str | os.PathLike[str]) -> wav.Recording:
