@@ -208,7 +208,7 @@ def make_folder(folder: str | os.PathLike[str], *, parents: bool = False) -> Pat
             raise FileFormatError(f"there is no folder {path.parent}: make it first") from error
         reason = getattr(error, "strerror", None) or error
         raise FileFormatError(
-            f"the folder {folder} cannot be made ({reason}): give another, or free some space"
+            f"the folder {folder} cannot be made ({reason}): give another name, or free some space"
         ) from error
     return path
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import io
 import re
+import tempfile
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
@@ -19,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from struck.errors import MeshError, MissingDependencyError, OptionError
+from struck.errors import FileFormatError, MeshError, MissingDependencyError, OptionError
 from struck.files.archives import Source, open_regular, open_source
 from struck.files.atomic import write_bytes
 from struck.files.gltf import read_gltf, strip_triangles
@@ -432,9 +433,18 @@ def write_shapes(model: ModalModel, path: str | os.PathLike[str]) -> None:
         )
     }
     faces = [("triangle", gains.surface.faces)]
-    data = io.BytesIO()
-    meshio.vtu.write(data, meshio.Mesh(gains.surface.points, faces, point_data=fields))
-    write_bytes(path, data.getvalue())
+    mesh = meshio.Mesh(gains.surface.points, faces, point_data=fields)
+    try:
+        with tempfile.TemporaryDirectory() as folder:  # meshio writes to names alone
+            file = Path(folder) / "shapes.vtu"
+            meshio.vtu.write(file, mesh)
+            data = file.read_bytes()
+    except OSError as error:
+        raise FileFormatError(
+            f"{path} cannot be written (no temporary file: {error.strerror or error}): free some "
+            "space, or give another temporary folder by TMPDIR"
+        ) from error
+    write_bytes(path, data)
 
 
 _READERS: dict[str, Callable[[Source, ReadingLimits], tuple[Iterable[Part], Counter[str]]]] = {
