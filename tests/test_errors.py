@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from struck import errors
 from struck.errors import rounded
 
 PACKAGE = Path(__file__).parents[1] / "src/struck"
@@ -68,3 +69,11 @@ def test_no_text_is_written_in_a_format_that_brings_powers_of_ten() -> None:
                 ):
                     wrong.append(f"{path.relative_to(PACKAGE)}:{node.lineno}: {form}")
     assert not wrong
+
+
+def test_names_in_a_message_cannot_steer_a_terminal_or_forge_a_line() -> None:
+    for kind in (errors.StruckError, errors.FileFormatError, errors.DeviceError):
+        assert str(kind("a\x1b[31m\nstruck: \udcff \u202e done")) == (
+            r"a\x1b[31m\nstruck: \xff \u202e done"
+        )
+        assert str(kind("na\u00efve 5 \N{MICRO SIGN}m")) == "na\u00efve 5 \N{MICRO SIGN}m"

@@ -25,7 +25,11 @@ from typing import SupportsFloat, SupportsIndex
 
 
 class StruckError(Exception):
-    """Base of all errors that struck raises on purpose."""
+    """Base of all errors that struck raises on purpose; their text is one printable line."""
+
+    def __str__(self) -> str:
+        """Return the message; control characters, as of a name in a file, are escaped."""
+        return printable(super().__str__())
 
 
 class OptionError(StruckError, ValueError):
