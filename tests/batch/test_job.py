@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -79,9 +80,22 @@ def test_damaged_facts_are_none(tmp_path: Path) -> None:
     job, out = job_of(file), tmp_path / "out"
     done(job, out, nothing)
     assert find_finished(job, out) is not None
-    for damaged in ("", "[]", '{"files": 1}', "{", '{"key": 3}'):
+    facts = json.loads((out / "bar.facts.json").read_bytes())
+    (tmp_path / "bar.struck").write_bytes(b"not of this batch")
+    sizes = {**facts["files"], "../bar.struck": 17}
+    labels = [["sound"], "sound"], [{"sound": [1]}], [{}], 7
+    wrong = [
+        *({"warnings": 5}, {"warnings": [5]}, {"modes": "x"}, {"lowest": []}, {"message": [[]]}),
+        *({"files": sizes}, {"files": {str(tmp_path / "bar.struck"): 17}}, {"files": {"a\0": 1}}),
+        *({"labels": each} for each in labels),
+    ]
+    texts = [json.dumps(facts | each) for each in wrong]
+    for damaged in ("", "[]", '{"files": 1}', "{", '{"key": 3}', *texts):
         (out / "bar.facts.json").write_text(damaged)
         assert find_finished(job, out) is None
+    done(job, out, nothing)  # which removes the files of an earlier run
+    assert (tmp_path / "bar.struck").exists()
+    assert find_finished(job, out) is not None
 
 
 def test_buffers_of_a_gltf_are_part_of_its_content(tmp_path: Path) -> None:

@@ -23,8 +23,8 @@ from struck.batch.batch_report import PAGES
 from struck.batch.job import FACTS, BodyJob
 from struck.batch.job_process import Facts, reopen
 from struck.batch.processes import Processes, failure
-from struck.errors import MissingDependencyError, OptionError, SolverError
-from struck.files.atomic import make_folder, write_bytes
+from struck.errors import FileFormatError, MissingDependencyError, OptionError, SolverError
+from struck.files.atomic import make_folder, read_bytes, write_bytes
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -173,8 +173,8 @@ def task(job: BodyJob, folder: str, run: str) -> dict[str, Any]:
 def _is_of(run: str, folder: Path) -> bool:
     """Return whether a folder is where this run writes."""
     try:
-        return json.loads((folder / PAGES[0]).read_bytes()).get("run") == run
-    except (OSError, ValueError, AttributeError):
+        return json.loads(read_bytes(folder / PAGES[0])).get("run") == run
+    except (FileFormatError, ValueError, AttributeError, RecursionError):
         return False
 
 

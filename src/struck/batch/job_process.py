@@ -15,8 +15,9 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path, PurePath
+from types import UnionType
 from typing import IO, Any
 
 import numpy as np
@@ -50,6 +51,14 @@ _KEPT_ERRORS = (MeshError, MaterialError, OptionError, ContactError)  # which co
 _REPORTED_WARNINGS = (CacheWarning, LossWarning, RepairWarning, ScaleWarning)
 _FIRST_TO_GO = b"500"  # of 1,000: where memory is short the system ends a job, not its user's work
 _SLACK = 2 * GIB  # bytes that libraries reserve and do not use
+# Types of the values in a facts file, which may come from elsewhere.
+_TYPES: Mapping[str, type | UnionType] = {
+    **dict.fromkeys(("key", "failure", "message"), str),
+    **dict.fromkeys(("lowest", "error", "cpu", "memory"), int | float | None),
+    **dict.fromkeys(("warnings", "parts", "labels"), list),
+    "modes": int,
+    "files": dict,
+}
 
 
 # The process
@@ -253,9 +262,32 @@ def _facts(job: BodyJob, folder: Path) -> Facts:
     """Return the facts of a facts file, none where it is missing or damaged."""
     with contextlib.suppress(StruckError, ValueError, RecursionError):
         facts = json.loads(read_bytes(job.path(folder, FACTS)))
-        if isinstance(facts, dict) and isinstance(facts.get("files", {}), dict):
+        if _are_facts(facts):
             return facts
     return {}
+
+
+def _are_facts(value: Any) -> bool:  # noqa: ANN401 - of JSON
+    """Return whether a value of JSON has the form of facts, and names files in the folder alone."""
+    if not isinstance(value, dict):
+        return False
+    if not all(isinstance(value[name], kind) for name, kind in _TYPES.items() if name in value):
+        return False
+    texts = [*value.get("warnings", ()), *value.get("parts", ())]
+    labels = value.get("labels", ())
+    return (
+        all(isinstance(text, str) for text in texts)
+        and all(isinstance(label, dict) and "sound" in label for label in labels)
+        and all(isinstance(v, str | int | float) for label in labels for v in label.values())
+        and all(map(_is_within, value.get("files", {})))
+    )
+
+
+def _is_within(name: str) -> bool:
+    """Return whether a name in a facts file leads to no place outside the folder of the batch."""
+    # Files of an earlier run, which the facts name, are removed.
+    path = PurePath(name)
+    return not path.is_absolute() and ".." not in path.parts and "\0" not in name
 
 
 def _cost() -> dict[str, float]:
