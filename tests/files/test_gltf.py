@@ -14,6 +14,7 @@ import trimesh
 
 from struck.files.guard import read_contents
 from struck.files.meshes import load_body, load_mesh
+from struck.scene import load_animation
 from tests.files.test_surfaces import refused, saved, wedge, written
 
 # Khronos Group, glTF-Sample-Assets, SimpleSparseAccessor (M. Hutter, CC0): a strip of six squares,
@@ -245,3 +246,41 @@ def test_gltf_with_a_buffer_beside_it(tmp_path: Path) -> None:
     for name, content in wedge().export(file_type="gltf").items():
         (tmp_path / name).write_bytes(content)
     assert load_mesh(tmp_path / "model.gltf").volume == pytest.approx(3, rel=1e-6)
+
+
+def test_parts_move_with_the_nodes_they_hang_on(tmp_path: Path) -> None:
+    # An arm slides along x while its hand, at its own times, slides along y; a ring hangs on the
+    # hand at rest. The arm itself has no surface.
+    triangle = np.eye(3, dtype="<f4")
+    times = [np.array([0.0, 2.0], "<f4"), np.array([0.0, 1.0, 3.0], "<f4")]
+    places = [
+        np.array([[0, 0, 0], [2, 0, 0]], "<f4"),
+        np.array([[0, 1, 0], [0, 5, 0], [0, 5, 0]], "<f4"),
+    ]
+    data = [array.tobytes() for array in (triangle, times[0], places[0], times[1], places[1])]
+    scalars = [{"bufferView": n, "componentType": 5126, "type": "SCALAR"} for n in (1, 3)]
+    accessors = [
+        of_points(3),
+        {**scalars[0], "count": 2},
+        of_points(2, 2),
+        {**scalars[1], "count": 3},
+        of_points(3, 4),
+    ]
+    path = document(tmp_path / "a.gltf", data, accessors, {"attributes": {"POSITION": 0}})
+    header = json.loads(path.read_text(encoding="utf-8"))
+    header["nodes"] = [
+        {"name": "arm", "children": [1]},
+        {"name": "hand", "mesh": 0, "translation": [0, 1, 0], "children": [2]},
+        {"name": "ring", "mesh": 0, "translation": [0, 0, 7]},
+    ]
+    channels = [{"sampler": n, "target": {"node": n, "path": "translation"}} for n in (0, 1)]
+    samplers = [{"input": 1, "output": 2}, {"input": 3, "output": 4}]
+    header["animations"] = [{"channels": channels, "samplers": samplers}]
+    path.write_text(json.dumps(header), encoding="utf-8")
+    log = load_animation(path)
+    assert log.names == ("hand", "ring")
+    for number in (0, 1):
+        moments, shifts, _ = log.poses.of(number)
+        np.testing.assert_allclose(moments, [0, 1, 2, 3])
+        # From where it rests, seen from the world.
+        np.testing.assert_allclose(shifts, [[0, 0, 0], [1, 4, 0], [2, 4, 0], [2, 4, 0]], atol=1e-9)

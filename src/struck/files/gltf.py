@@ -196,26 +196,44 @@ class _Document:
     def motions(self) -> dict[str, Motion]:
         """Return the motion of each node that has a mesh and moves, by its name."""
         nodes, rest_poses = self.header.get("nodes", []), self._poses()
-        parents = {child: up for up, node in enumerate(nodes) for child in node.get("children", [])}
-        courses = self._courses()
+        moving_poses = self._moving_poses(rest_poses)
         motions: dict[str, Motion] = {}
-        for number in sorted(rest_poses):
-            line = [number]
-            while line[-1] in parents:
-                line.append(parents[line[-1]])
-            node_courses = [courses[item] for item in line if item in courses]
-            if "mesh" not in nodes[number] or not node_courses:
+        for number in sorted(moving_poses):
+            if "mesh" not in nodes[number]:
                 continue
-            times = np.unique(
-                np.concatenate([c[0] for item in node_courses for c in item.values()])
-            )
-            poses = np.tile(np.eye(4), (len(times), 1, 1))
-            for item in reversed(line):
-                poses = poses @ _animate(nodes[item], courses.get(item, {}), times)
+            times, poses = moving_poses[number]
             name = str(nodes[number].get("name", number))
             name = f"{name} (node {number})" if name in motions else name
             motions[name] = _make_motion(name, times, poses @ np.linalg.inv(rest_poses[number]))
         return motions
+
+    def _moving_poses(
+        self, rest_poses: dict[int, NDArray[np.float64]]
+    ) -> dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+        """Return times (T,) and transforms to the world (T, 4, 4) of each node that moves."""
+        nodes, courses = self.header.get("nodes", []), self._courses()
+        parents = {child: up for up in rest_poses for child in nodes[up].get("children", [])}
+        moving: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
+        for number in rest_poses:  # parents come first
+            parent, node_courses = parents.get(number), courses.get(number, {})
+            parent_motion = None if parent is None else moving.get(parent)
+            times = [course[0] for course in node_courses.values()]
+            times += [] if parent_motion is None else [parent_motion[0]]
+            if not times:
+                continue
+            node_times = np.unique(np.concatenate(times))
+            if parent_motion is not None and np.array_equal(node_times, parent_motion[0]):
+                # Else a chain of nodes would take as long as the square of its length.
+                poses = parent_motion[1]
+            else:
+                line = [] if parent is None else [parent]
+                while line and line[-1] in parents:
+                    line.append(parents[line[-1]])
+                poses = np.tile(np.eye(4), (len(node_times), 1, 1))
+                for item in reversed(line):
+                    poses = poses @ _animate(nodes[item], courses.get(item, {}), node_times)
+            moving[number] = node_times, poses @ _animate(nodes[number], node_courses, node_times)
+        return moving
 
     def _courses(self) -> dict[int, dict[str, _Course]]:
         """Return times, values and way of interpolation by node and property."""
