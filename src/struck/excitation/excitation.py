@@ -418,10 +418,11 @@ def freeze_place(excitation: _Placed, *names: str) -> None:
     for name in names:
         value = getattr(excitation, name)
         if value is not None:
-            hint = "a vector (x, y, z) with a length"
+            hint = "a vector (x, y, z) with a length from 1e-150 to 1e150"
             vector = _require_finite_vector(name, value, hint)
-            length = float(np.linalg.norm(vector))
-            if len(vector) != 3 or not length:
+            with np.errstate(over="ignore"):
+                length = float(np.linalg.norm(vector))
+            if len(vector) != 3 or not 0 < length < np.inf:
                 raise OptionError(f"{name} is {value!r}: give {hint}")
             object.__setattr__(excitation, name, tuple(part / length for part in vector))
 
@@ -460,6 +461,8 @@ def coordinates(name: str, values: object) -> tuple[float, ...]:
 def _require_finite_vector(name: str, values: object, hint: str) -> tuple[float, ...]:
     try:
         array = np.array(values, dtype=np.float64)
+    except OverflowError:
+        raise OptionError(f"{name} has a number of hundreds of digits: give {hint}") from None
     except (TypeError, ValueError) as error:
         raise OptionError(f"{name} is {values!r}: give {hint}") from error
     if array.ndim != 1 or not 1 <= array.size <= 3 or not np.isfinite(array).all():

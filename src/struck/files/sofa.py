@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from struck.errors import FileFormatError, MissingDependencyError, OptionError
+from struck.errors import FileFormatError, MissingDependencyError, OptionError, rounded
 from struck.files.atomic import require_readable, write_bytes
 from struck.files.guard import read_foreign
 from struck.files.messages import Answer, Frame, ReadingLimits
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 CONVENTIONS = ("GeneralTF-E", "GeneralFIR-E")  # gains of modes; impulse responses
 MOST_VALUES = 2**27  # numbers in a variable
+# Squares of values, and their sums and products with rates, must stay finite.
+_MAX_NUMBER = 1e100
 LONGEST = 60_000  # bytes in an attribute: HDF5 holds 64 KiB with its head
 # The name that netCDF-4 gives to a dimension without a variable.
 _NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable.{:>10}"
@@ -195,6 +197,12 @@ class Container:
             raise FileFormatError(
                 f"its variable {name} holds {bad_count} values that are NaN or infinite: take "
                 "those measurements out"
+            )
+        largest = float(np.nanmax(np.abs(values), initial=0.0))
+        if largest > _MAX_NUMBER:
+            raise FileFormatError(
+                f"its variable {name} goes up to {rounded(largest)}, and {rounded(_MAX_NUMBER)} "
+                "can be computed with: take those measurements out"
             )
         return values
 

@@ -184,9 +184,11 @@ def _three(values: object, name: str) -> Array:
 
 
 def _unit(vector: Array) -> Array:
-    length = float(np.linalg.norm(vector))
-    if not length:
-        raise ContactError("direction is (0, 0, 0): give a vector with a length")
+    with np.errstate(over="ignore"):
+        length = float(np.linalg.norm(vector))
+    if not 0 < length < np.inf:
+        text = ", ".join(map(rounded, vector))
+        raise ContactError(f"direction is ({text}): give a vector with a length, below 1e150")
     return vector / length
 
 
