@@ -23,6 +23,7 @@ from typing import IO, NoReturn, TypeVar, cast
 from struck import errors
 from struck.errors import FileFormatError, MeshError, StruckError, rounded
 from struck.files.messages import (
+    BROKEN,
     DAMAGED,
     FORMATS,
     OUT_OF_MEMORY,
@@ -163,7 +164,9 @@ class Guard:
         """Raise the error that an answer names."""
         if name == UNREADABLE:
             raise question.error(f"it cannot be read ({message}): check the disk it is on")
-        if name == DAMAGED:
+        if name == BROKEN:
+            self.close()
+        if name in {DAMAGED, BROKEN}:
             raise question.error(f"it is damaged, or another format ({message}): export it again")
         error = getattr(errors, str(name), None)
         if isinstance(error, type) and issubclass(error, StruckError):

@@ -20,6 +20,7 @@ from struck.model.arrays import AnyArray
 OUT_OF_MEMORY = 77
 # What an answer says instead of the name of an error: the system, or a reader, has failed.
 UNREADABLE, DAMAGED = "unreadable", "damaged"
+BROKEN = "broken"  # damaged, and a compiled library may not work any more in that process
 # By task: the function that reads a file, (path, limits, **options) -> Answer.
 TASKS = {
     "surface": "struck.files.mesh_formats:answer_surface",

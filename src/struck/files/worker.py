@@ -17,6 +17,7 @@ from typing import Any
 
 from struck.errors import StruckError
 from struck.files.messages import (
+    BROKEN,
     DAMAGED,
     OUT_OF_MEMORY,
     TASKS,
@@ -85,4 +86,6 @@ def _answer(question: dict[str, Any], limits: ReadingLimits) -> Answer:
     except MemoryError:
         raise
     except Exception as error:  # noqa: BLE001 - a reader of foreign bytes may raise anything
-        return {"error": DAMAGED, "message": f"{type(error).__name__}: {error}"}, []
+        # So C++ reports what it did not foresee, as that memory ran out; MuJoCo may hang then.
+        name = BROKEN if type(error) is RuntimeError else DAMAGED
+        return {"error": name, "message": f"{type(error).__name__}: {error}"}, []

@@ -510,3 +510,23 @@ def test_what_is_no_model_and_no_control_is_refused(tmp_path: Path) -> None:
         MujocoRecorder("scene.xml")
     with pytest.raises(ArgumentError, match="give a function"):
         Simulation(written(tmp_path, FLOOR_AND_BALL)).run(0.1, control=[0, 1])
+
+
+def test_warnings_of_the_engine_are_notes_and_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    huge = '<hfield name="h" nrow="60000" ncol="60000" size="1 1 1 1"/>'
+    with pytest.raises(FileFormatError, match="it is damaged"):
+        Simulation(written(tmp_path, PLANK.format(3), assets=huge))
+    # After that MuJoCo would hang at its next warning, in the same process.
+    path = written(tmp_path, PLANK.format(3).replace("<geom", '<geom rgba="nan 0 0 1"'))
+    notes = Simulation(path).notes
+    assert [note for note in notes if "MuJoCo" in note] == [
+        "MuJoCo warns: XML contains a 'NaN'. Please check it carefully."
+    ]
+    far = path.read_text().replace("0 0 .15", "0 0 1e26")
+    path.write_text(far.replace("nan", "0"))
+    with pytest.raises(OptionError, match="beyond 1e6"):
+        Simulation(path)
+    assert [file.name for file in tmp_path.iterdir()] == [path.name]

@@ -17,7 +17,9 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -157,8 +159,9 @@ class FlatScene:
         """Return the specification of a model and what is attached to it."""
         model = self.models[number]
         try:
-            spec = mujoco_itself().MjSpec.from_string(model.text, assets=self.assets)
-            self._attach(spec, model)
+            with gathered_warnings(self.notes):
+                spec = mujoco_itself().MjSpec.from_string(model.text, assets=self.assets)
+                self._attach(spec, model)
         except FileFormatError:
             raise
         except ValueError as error:
@@ -495,6 +498,23 @@ def mujoco_itself():  # noqa: ANN201 - a module
             'simulations run in MuJoCo: pip install "struck[sim]"'
         ) from None
     return mujoco
+
+
+@contextmanager
+def gathered_warnings(notes: list[str]) -> Iterator[None]:
+    """Add the warnings of MuJoCo to notes, each once; it would write them to a file right here."""
+    mujoco, messages = mujoco_itself(), list[str]()
+    earlier = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(messages.append)
+    with warnings.catch_warnings(record=True) as records:
+        warnings.simplefilter("always")
+        try:
+            yield
+        finally:
+            mujoco.set_mju_user_warning(earlier)
+            messages += [str(record.message) for record in records]
+            texts = [f"MuJoCo warns: {' '.join(message.split())}" for message in messages]
+            notes += [text for text in dict.fromkeys(texts) if text not in notes]
 
 
 def _parsed(path: Path, display_name: str = "") -> ET.Element:

@@ -26,7 +26,7 @@ from struck.scene.engines.explosion import dead, free_masses, overlaps, require_
 from struck.scene.engines.links import Link, links_of, mass_properties
 from struck.scene.engines.mujoco import MujocoEngine
 from struck.scene.engines.restitution import ContactLaws, PairValues
-from struck.scene.engines.scene_file import load_scene
+from struck.scene.engines.scene_file import gathered_warnings, load_scene
 from struck.scene.engines.sound_sources import SoundOptions, SoundSources, model_mass
 from struck.scene.gathered_notes import QUOTED_FORM, list_names
 
@@ -172,13 +172,13 @@ class Simulation:
     def _prepare(
         self,
         spec: mujoco.MjSpec,
-        notes: Sequence[str],
+        notes: list[str],
         restitution: PairValues | None,
         friction: PairValues | None,
     ) -> None:
         """Check the scene, analyze its bodies, and give the engine masses, hulls and laws."""
         # All checks that need no mode come before the first mode is computed.
-        model = _compile(spec)
+        model = _compile(spec, notes)
         links = links_of(model)
         materials = self._sources.prepare(links)
         laws = ContactLaws(materials=materials, restitution=restitution, friction=friction)
@@ -187,24 +187,26 @@ class Simulation:
             hulls = cut(spec, model, self._stages)
         elif not model.nmesh:
             hulls = ["convex='hull' changes nothing: no body is a mesh"]
-        whole_model = _compile(spec)
+        whole_model = _compile(spec, notes)
         if self._engine == "mujoco" and laws.has_values:
             laws.give(spec, whole_model, links_of(whole_model))
-            whole_model = _compile(spec)
+            whole_model = _compile(spec, notes)
         parts = links_of(whole_model)
-        overlapping = overlaps(
-            whole_model, MujocoEngine(whole_model, parts, self._keyframe).data, parts
-        )
         self._laws, self.model, self._links = laws, whole_model, parts
-        self.started()  # the engine refuses what it cannot move
+        with gathered_warnings(notes):
+            overlapping = overlaps(
+                whole_model, MujocoEngine(whole_model, parts, self._keyframe).data, parts
+            )
+            self.started()  # the engine refuses what it cannot move
 
         bodies = self._sources.bodies(links, [mass_properties(model, link) for link in links])
         masses = _give_masses(spec, model, links, bodies)
-        self.model = _compile(spec)
+        self.model = _compile(spec, notes)
         self._links = links_of(self.model)
         self._masses = free_masses(self.model, self._links)
-        start = MujocoEngine(self.model, self._links, self._keyframe)
-        start.recorder.place(start.data)
+        with gathered_warnings(notes):
+            start = MujocoEngine(self.model, self._links, self._keyframe)
+            start.recorder.place(start.data)
         self.notes = (*notes, *self._sources.notes, *masses, *hulls, *laws.notes, *overlapping)
         scene = Scene(bodies=bodies, gravity=self.model.opt.gravity, notes=self.notes)
         self.scene = scene.posed(start.contacts())
@@ -306,9 +308,11 @@ def _name_all(spec: mujoco.MjSpec) -> mujoco.MjSpec:
     return spec
 
 
-def _compile(spec: mujoco.MjSpec) -> mujoco.MjModel:
+def _compile(spec: mujoco.MjSpec, notes: list[str]) -> mujoco.MjModel:
+    """Return MuJoCo's model of a scene; its warnings are added to the notes."""
     try:
-        return spec.compile()
+        with gathered_warnings(notes):
+            return spec.compile()
     except (ValueError, RuntimeError) as error:
         reason = " ".join(str(error).split())
         raise SimulationError(f"MuJoCo refuses the scene: {reason}") from None
