@@ -1,6 +1,7 @@
 # Each target sets up what it needs in .venv: make and Python 3.11 or newer are enough.
 #   make prove ONLY=name      the proofs whose name holds it
 #   make prove PART=2/4       the second quarter of the proofs that measure no time
+#   make fuzz COUNT=200000    more damaged files
 #   make test PYTHON=python3.12
 #   make demo OPEN=0          a gallery of files, and no browser
 
@@ -13,6 +14,7 @@ INSTALL = $(BIN)/python -m pip install --quiet --constraint constraints.txt
 ONLY ?=
 PART ?=
 OPEN ?=
+COUNT ?= 50000
 # With ONLY, a run may hold no test: pytest then says 5.
 FEW = $(if $(ONLY),|| test $$? -eq 5)
 # Dozens of tests start struck anew: what Python has once compiled, none of them compiles again.
@@ -21,7 +23,7 @@ export PYTHONDONTWRITEBYTECODE :=
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo test prove check bench docs wheels clean
+.PHONY: help demo test prove fuzz check bench docs wheels clean
 
 help:  ## List the targets
 	@sed -n 's/^\([a-z]*\):.*## /make \1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -35,6 +37,9 @@ test: $(ENVIRONMENT)/test.stamp  ## A sample of every promise
 prove: $(ENVIRONMENT)/test.stamp  ## Every promise in full; ONLY=name, PART=k/4 for some
 	$(BIN)/python -m pytest -m "prove and not timed" $(if $(PART),--part "$(PART)") $(if $(ONLY),-k "$(ONLY)") --numprocesses 2 $(FEW)
 	$(if $(PART),,$(BIN)/python -m pytest -m "prove and timed" $(if $(ONLY),-k "$(ONLY)") $(FEW))
+
+fuzz: $(ENVIRONMENT)/test.stamp  ## 50,000 damaged files of every format, COUNT=n; failures go to tests/fuzz/corpus
+	$(BIN)/python -m tests.fuzz.run --count $(COUNT)
 
 check: $(ENVIRONMENT)/lint.stamp  ## Style, types, layers, dead code, wording; a report of sizes
 	$(BIN)/ruff check
