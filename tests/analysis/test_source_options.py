@@ -23,11 +23,12 @@ OPTIONS = {
     "wall": 0.002,
     "holes": "fill",
     "repair": True,
+    "repair_seconds": 20.0,
     "accuracy": "preview",
     "backend": "auto",
     "fixed": ((-1.0, -1.0, -1.0), (0.0, 1.0, 1.0)),
 }
-SURFACE = {"wall", "holes", "repair"}
+SURFACE = {"wall", "holes", "repair", "repair_seconds"}
 FILE = {"units", "size", "part", "up"}
 SOURCES = {
     "bar": (Bar(length=0.3, width=0.03, thickness=0.005), {*OPTIONS}),

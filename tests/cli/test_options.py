@@ -549,7 +549,7 @@ WAYS = {
     "render BAR --mass 20g": "'20g': give a number alone, in the unit that --help names",
     "render BAR --rate 48k": "'48k': give a whole number:",
     "fit take.wav --room 400ms": "--room 400ms is neither a number nor a file: give seconds as 0.4",
-    "render BAR --strikes BAR -o n": "is no CSV or TOML table (it is no text): give CSV with",
+    "render BAR --strikes BAR -o n": "bar.struck is no UTF-8 text: save it as UTF-8",
     "render BAR --walk hits.csv": (
         "hits.csv tells no walk, line 1 is 'name,at': give lines of four numbers, time,x,y,z in s"
     ),

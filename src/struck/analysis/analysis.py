@@ -101,6 +101,7 @@ def analyze(
     wall: float | None = None,
     holes: str | None = None,
     repair: bool | None = None,
+    repair_seconds: float | None = None,
     fixed: Fixed | None = None,
     accuracy: str | None = None,
     band: Band | None = None,
@@ -144,6 +145,8 @@ def analyze(
     repair : bool, optional
         If False, raise MeshError for holes, self-intersections or flipped faces. By default they
         are repaired, and a RepairWarning lists the repairs.
+    repair_seconds : float, optional
+        Processor time for the repair, s. Default: 10 s for reading and repair together.
     fixed : array-like (2, 3) or callable, optional
         Where the body is clamped: a box given by two corners, m, or a function of points (N, 3)
         that returns a mask (N,).
@@ -186,7 +189,7 @@ def analyze(
     Raises
     ------
     MeshError
-        If the surface cannot be repaired or meshed.
+        If the surface cannot be repaired (in time) or meshed.
     MaterialError
         If the material is unknown or its constants are out of range.
     OptionError
@@ -234,6 +237,7 @@ def analyze(
     if is_shape(body) and not formula:
         require_choice("method", method, ("quadratic", *METHODS))
     options = {"wall": wall, "accuracy": accuracy, "repair": repair, "holes": holes}
+    options["repair_seconds"] = repair_seconds
     file_options = {option.name: getattr(file, option.name) for option in fields(file)}
     require_applicable(
         body, formula=formula, **file_options, **options, fixed=fixed, backend=backend

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -27,7 +27,7 @@ from struck.solids.filling.filling import (
 from struck.solids.resolution import ACCURACIES as ACCURACY_NAMES
 from struck.solids.surface.closedness import require_closed
 from struck.solids.surface.distance import FilledBody, WalledSheet
-from struck.solids.surface.repair import Repair, repair_mesh, require_holes
+from struck.solids.surface.repair import Repair, require_holes
 from struck.solids.volume_mesh import QUADRATIC_KINDS, VolumeMesh
 
 SURFACE: Stage[Repair] = holding("surface", Repair, Mesh)
@@ -333,12 +333,19 @@ def discretise(
     accuracy: str | None,
     repair: bool | None,
     holes: str | None = None,
+    repair_seconds: float | None = None,
 ) -> Discretisation:
     """Return a body ready to be cut into elements, by options that apply to it."""
     require_holes(holes, wall)
     if wall is not None and not (np.isfinite(wall) and wall > 0):
         raise OptionError(f"wall is {wall}: a thickness must exceed 0 m")
-    source = _load(body, file, stages, wall=wall, repair=repair is not False, holes=holes)
+    if repair is False and repair_seconds is not None:
+        raise OptionError(
+            f"repair_seconds={repair_seconds} limits a repair, and repair=False allows none: leave "
+            "one of them out"
+        )
+    options = RepairOptions(wall=wall, holes=holes, seconds=repair_seconds)
+    source = _load(body, file, stages, options, repair=repair is not False)
     if isinstance(source, Repair):
         _require_thin(wall, source.mesh.extent)
         _warn_of(body, source)
@@ -357,14 +364,22 @@ def discretise(
     return StructuredSolid(solid=source, accuracy=accuracy or "standard")
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RepairOptions:
+    """Options of the repair of a surface."""
+
+    wall: float | None  # m
+    holes: str | None
+    seconds: float | None  # of processor time
+
+
 def _load(
     body: Source,
     file: FileOptions,
     stages: Stages,
+    options: RepairOptions,
     *,
-    wall: float | None,
     repair: bool,
-    holes: str | None,
 ) -> Repair | VolumeMesh | Solid:
     """Return the body itself, from its file where it is a path."""
     if isinstance(body, str | os.PathLike):
@@ -374,15 +389,16 @@ def _load(
             return load_volume(body, units=file.units)
         return stages.get_or_compute(
             SURFACE,
-            lambda: _from_file(body, file, wall=wall, repair=repair, holes=holes),
+            lambda: _from_file(body, file, options, repair=repair),
             file=Path(body),
             options=file,
-            wall=wall,
+            wall=options.wall,
             repair=repair,
-            holes=holes,
+            holes=options.holes,
         )
     if isinstance(body, VolumeMesh | Solid):
         return body
+    from struck.files.mesh_repair import repair_in_time
     from struck.files.meshes import arrays_of, mesh_of, part_of
 
     mesh = None
@@ -392,7 +408,7 @@ def _load(
         mesh = mesh_of(body, units=file.units, size=file.size, up=file.up)
     if mesh is not None:
         mesh = mesh if file.part is None else part_of(mesh, file.part, file.size)
-        return repair_mesh(mesh, wall=wall, holes=holes) if repair else _unrepaired(mesh)
+        return repair_in_time(mesh, **asdict(options))[0] if repair else _unrepaired(mesh)
     raise MeshError(
         f"{type(body).__name__} is no body: give a path, a solid, a Mesh, (vertices, faces), or an "
         "object of trimesh (of a Scene its .to_mesh()), Open3D or PyVista"
@@ -402,17 +418,22 @@ def _load(
 def _from_file(
     path: str | os.PathLike[str],
     file: FileOptions,
+    options: RepairOptions,
     *,
-    wall: float | None,
     repair: bool,
-    holes: str | None,
 ) -> Repair:
     from struck.files.meshes import load_body, load_mesh
 
-    options = {option.name: getattr(file, option.name) for option in fields(file)}
-    if repair:
-        return load_body(path, **options, wall=wall, holes=holes)
-    return _unrepaired(load_mesh(path, **options, repair=False))
+    file_options = {option.name: getattr(file, option.name) for option in fields(file)}
+    if not repair:
+        return _unrepaired(load_mesh(path, **file_options, repair=False))
+    return load_body(
+        path,
+        **file_options,
+        wall=options.wall,
+        holes=options.holes,
+        repair_seconds=options.seconds,
+    )
 
 
 def _unrepaired(mesh: Mesh) -> Repair:

@@ -22,8 +22,9 @@ if TYPE_CHECKING:
 Source: TypeAlias = "ElementsSource | Shape"
 
 _FILE = ("units", "size", "part", "up")
-_SURFACE = ("wall", "holes", "repair")
-_OF_FORMULA = ("wall", "fixed", "holes", "accuracy", "repair", "backend")  # that it does not take
+_SURFACE = ("wall", "holes", "repair", "repair_seconds")
+# That it does not take.
+_OF_FORMULA = (*_SURFACE, "fixed", "accuracy", "backend")
 _NO_FILE = "{0}= does not apply here: {1} is no file, and has its own size, axes and one piece"
 
 

@@ -236,7 +236,7 @@ def _box(value: Any) -> Any:  # noqa: ANN401
 
 # How the cells of a CSV table are read, by the name of their column.
 _READ: Mapping[str, Callable[[Any], Any]] = {
-    **dict.fromkeys(("size", "wall"), float),
+    **dict.fromkeys(("size", "wall", "repair_seconds"), float),
     "modes": _count,
     **dict.fromkeys(
         ("repair", "recoil"), lambda value: {"true": True, "false": False}[str(value).lower()]

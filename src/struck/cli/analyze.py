@@ -82,6 +82,11 @@ def add_how(parser: argparse.ArgumentParser) -> None:
         help="refuse a defective surface instead of repairing it",
     )
     parser.add_argument(
+        "--repair-seconds",
+        type=float,
+        help="processor time for the repair, s; default: 10 for reading and repair together",
+    )
+    parser.add_argument(
         "--part", help="name or number of one body of the file; default: the largest"
     )
     parser.add_argument(
@@ -166,6 +171,7 @@ def analysis_options(options: argparse.Namespace) -> dict[str, Any]:
         "wall",
         "holes",
         "repair",
+        "repair_seconds",
         "part",
         "up",
         "accuracy",

@@ -14,7 +14,7 @@ import signal
 import subprocess
 import threading
 import weakref
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -36,6 +36,7 @@ from struck.files.messages import (
     read_frame,
     write_frame,
 )
+from struck.model.arrays import AnyArray
 from struck.model.mesh import require_area, require_triangles, require_vertices
 from struck.processes.child_process import python_command, python_environment
 
@@ -76,19 +77,29 @@ def read_foreign(
     *,
     error: type[StruckError] = FileFormatError,
     advice: str,
-    options: Mapping[str, str] = MappingProxyType({}),
+    options: Mapping[str, object] = MappingProxyType({}),
+    arrays: Sequence[AnyArray] = (),
     seconds: float | None = None,
+    work: str = "reading it",
 ) -> Answer:
     """Return the answer of a task of `messages.TASKS` about a file, converted by `understood`.
 
-    `options` are further arguments of the task, and `seconds` the processor time that it may take,
-    if not that of all. `error` is raised, without the file's name, where
-    the file is damaged or reading it takes more than the limits; `advice` is the way out then.
+    `options` and `arrays` (N, D) are further arguments of the task, `seconds` the processor time
+    that it may take, if not that of all, and `work` its name in messages. `error` is raised,
+    without the file's name, where the file is damaged or the task takes more than the limits;
+    `advice` is the way out then.
     `understood` raises KeyError, TypeError or ValueError on an answer that has not the form of its
     task.
     """
     question = Question(
-        task=task, path=path, error=error, advice=advice, options=options, seconds=seconds
+        task=task,
+        path=path,
+        error=error,
+        advice=advice,
+        options=options,
+        arrays=arrays,
+        seconds=seconds,
+        work=work,
     )
     return _GUARD.ask(question, understood)
 
@@ -106,8 +117,10 @@ class Question:
     path: str | os.PathLike[str]
     error: type[StruckError] = MeshError
     advice: str = "simplify the surface (decimate it), or export it in a binary format"
-    options: Mapping[str, str] = field(default_factory=dict)
+    options: Mapping[str, object] = field(default_factory=dict)
+    arrays: Sequence[AnyArray] = ()
     seconds: float | None = None  # of processor time, in place of the limit of all
+    work: str = "reading it"  # name of the task in messages
 
 
 class Guard:
@@ -134,7 +147,12 @@ class Guard:
     def contents(self, path: str | os.PathLike[str]) -> Contents:
         """Read a surface: see `read_contents`."""
         surface = self.ask(Question(task="surface", path=path), surface_of)
-        return Contents(kind=surface.kind, parts=surface.parts, beside=surface.beside)
+        return Contents(
+            kind=surface.kind,
+            parts=surface.parts,
+            beside=surface.beside,
+            seconds=surface.seconds,
+        )
 
     def blocks(self, path: str | os.PathLike[str]) -> ElementBlocks:
         """Read a volume mesh: see `read_volume`."""
@@ -185,7 +203,7 @@ class Guard:
         }
         with _deadline(process, content["wall"]) as expiry:
             try:
-                write_frame(questions, content)
+                write_frame(questions, content, question.arrays)
                 return read_frame(answers, largest=self.limits.answer)
             except ValueError as error:
                 self._refuse_nonsense(question, str(error))
@@ -256,7 +274,7 @@ class Guard:
             limit = "more memory than the system has left"
         if limit:  # of this machine and hour, not the file's fault
             cause = MemoryError() if code in {OUT_OF_MEMORY, _KILLED_CODE} else TimeoutError()
-            raise question.error(f"reading it took {limit}: {question.advice}") from cause
+            raise question.error(f"{question.work} took {limit}: {question.advice}") from cause
         raise question.error(
             f"its reader crashed on it (exit code {code}): it is damaged, or made to do harm; "
             "export it again"
@@ -319,7 +337,7 @@ def _printable(text: str) -> str:
 
 def surface_of(frame: Frame) -> Parsed:
     """Return the format and the parts of a surface mesh that a message holds."""
-    names = _texts(frame, "names")
+    names = texts_in(frame, "names")
     shapes = [(array.dtype.kind, array.shape[1]) for array in frame.arrays]
     if shapes != [("f", 3), ("i", 3)] * len(names):
         raise ValueError("its arrays are no surfaces")
@@ -331,19 +349,21 @@ def surface_of(frame: Frame) -> Parsed:
     beside = frame.content["beside"]
     if not isinstance(beside, dict) or not all(type(count) is int for count in beside.values()):
         raise TypeError("its points and lines are not counted")
-    return Parsed(kind=kind, parts=parts, beside=beside)
+    seconds = float(frame.content.get("seconds", 0.0))
+    return Parsed(kind=kind, parts=parts, beside=beside, seconds=seconds)
 
 
 def blocks_of(frame: Frame) -> ElementBlocks:
     """Return the nodes and elements of a volume mesh that a message holds."""
-    kinds = _texts(frame, "kinds")
+    kinds = texts_in(frame, "kinds")
     if [array.dtype.kind for array in frame.arrays] != ["f", *"i" * len(kinds)]:
         raise ValueError("its arrays are no elements")
     nodes, *cells = frame.arrays
     return ElementBlocks(nodes=nodes, cells=list(zip(kinds, cells, strict=True)))
 
 
-def _texts(frame: Frame, name: str) -> list[str]:
+def texts_in(frame: Frame, name: str) -> list[str]:
+    """Return the list of texts that a message holds under a name; TypeError for other values."""
     texts = frame.content[name]
     if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
         raise TypeError(f"its {name} are no texts")
@@ -357,6 +377,7 @@ class Contents:
     kind: str  # one of `FORMATS`, of what was packed as well
     parts: list[Part]  # in the file's own order and numbers
     beside: dict[str, int] = field(default_factory=dict)  # how many points, lines: left out
+    seconds: float = 0.0  # processor time that reading took
 
     def __post_init__(self) -> None:
         if not any(len(part.faces) for part in self.parts):

@@ -9,6 +9,7 @@ import contextlib
 import io
 import re
 import tempfile
+import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
@@ -71,10 +72,11 @@ def parse(path: Path, limits: ReadingLimits) -> Parsed:
 
 def answer_surface(path: Path, limits: ReadingLimits) -> Answer:
     """Return the surfaces of a mesh file as an answer of the process that reads files."""
-    mesh = parse(path, limits)
+    start, mesh = time.process_time(), parse(path, limits)
     arrays = [array for part in mesh.parts for array in (part.points, part.faces)]
     names = [part.name for part in mesh.parts]
-    return {"kind": mesh.kind, "names": names, "beside": mesh.beside}, arrays
+    seconds = time.process_time() - start
+    return {"kind": mesh.kind, "names": names, "beside": mesh.beside, "seconds": seconds}, arrays
 
 
 def answer_volume(path: Path, limits: ReadingLimits) -> Answer:

@@ -24,7 +24,8 @@ from struck.errors import (
     require_choice,
     rounded,
 )
-from struck.files.guard import read_contents, read_volume
+from struck.files.guard import Contents, read_contents, read_volume
+from struck.files.mesh_repair import repair_in_time
 from struck.files.messages import READERS, ElementBlocks, Part
 from struck.model.arrays import UNITS, Array, Index, checked, numbers
 from struck.model.mesh import MAX_COORDINATE, SHORTEST_EDGE, Arrays, Mesh, indices, part_mesh
@@ -35,7 +36,6 @@ from struck.solids.surface.repair import (
     DEBRIS_FRACTION,
     Repair,
     largest_of,
-    repair_mesh,
     require_holes,
 )
 from struck.solids.surface.welding import find_lines, sew
@@ -223,14 +223,14 @@ def load_surface(
 
 def _read_surface(
     path: Path, units: str | None, size: float | None, part: str | None, up: str | None
-) -> tuple[Mesh, dict[str, int]]:
-    """Return a surface in metres, and how many points and lines of its file are left out."""
+) -> tuple[Mesh, Contents]:
+    """Return a surface in metres, and the contents of its file."""
     _require_options(units, size, up)
     with _named(path):
         contents = read_contents(path)
         surface = _any_surface(contents.parts, part)
         surface = _in_metres(surface, units, size, up or _UP[contents.kind])
-    return surface, contents.beside
+    return surface, contents
 
 
 @checked
@@ -243,6 +243,7 @@ def load_body(
     up: str | None = None,
     wall: float | None = None,
     holes: str | None = None,
+    repair_seconds: float | None = None,
 ) -> Repair:
     """Read one body from a mesh file, and repair its surface if it is not closed.
 
@@ -265,6 +266,8 @@ def load_body(
         Openings of a surface with a wall: "keep" leaves them open, "fill" closes them, except the
         rim of an open sheet. Default: keep round and straight-edged ones, and fill ragged ones of a
         closed surface.
+    repair_seconds : float, optional
+        Processor time for the repair, s. Default: 10 s for reading and repair together.
 
     Returns
     -------
@@ -278,16 +281,18 @@ def load_body(
         If the unit or axis is unknown, the size is not positive, both `units` and `size` are given,
         or `holes` without a wall.
     MeshError
-        If the file cannot be read, or its content is not a body.
+        If the file cannot be read, its content is not a body, or the repair takes longer.
     """
     require_holes(holes, wall)
-    surface, extras = _read_surface(Path(path), units, size, part, up)
+    surface, contents = _read_surface(Path(path), units, size, part, up)
+    options = {"wall": wall, "holes": holes, "seconds": repair_seconds}
     with _named(Path(path)):
-        result = repair_mesh(surface, wall=wall, holes=holes)
+        result, seconds = repair_in_time(surface, **options, time_spent=contents.seconds)
         if size is not None and abs(result.mesh.extent / size - 1) > _SCALE_TOLERANCE:
             # What was left out had set the scale.
-            result = repair_mesh(surface.scaled(size / result.mesh.extent), wall=wall, holes=holes)
-    others = ", ".join(counted(count, kind) for kind, count in extras.items() if count)
+            surface, time_spent = surface.scaled(size / result.mesh.extent), contents.seconds
+            result, _ = repair_in_time(surface, **options, time_spent=time_spent + seconds)
+    others = ", ".join(counted(count, kind) for kind, count in contents.beside.items() if count)
     if others:
         findings = (f"The file holds {others} beside its faces.", *result.faults)
         changes = (f"Left out: {others}, as faces alone bound a body.", *result.changes)

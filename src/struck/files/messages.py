@@ -21,9 +21,10 @@ OUT_OF_MEMORY = 77
 # What an answer says instead of the name of an error: the system, or a reader, has failed.
 UNREADABLE, DAMAGED = "unreadable", "damaged"
 BROKEN = "broken"  # damaged, and a compiled library may not work any more in that process
-# By task: the function that reads a file, (path, limits, **options) -> Answer.
+# By task: the function that does it, (path, limits, **options) -> Answer.
 TASKS = {
     "surface": "struck.files.mesh_formats:answer_surface",
+    "repair": "struck.files.mesh_repair:answer",
     "volume": "struck.files.mesh_formats:answer_volume",
     "contacts": "struck.files.contact_log:answer",
     "animation": "struck.files.gltf:answer_animation",
@@ -75,6 +76,7 @@ class Parsed:
     kind: str  # one of `FORMATS`
     parts: list[Part]
     beside: dict[str, int]  # how many points, lines and curves it has besides its faces
+    seconds: float = 0.0  # processor time that reading took
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

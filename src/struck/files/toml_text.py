@@ -27,7 +27,9 @@ def read_text(path: str | os.PathLike[str]) -> str:
     try:
         return read_bytes(path, most=MAX_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise FileFormatError(f"{path} is no UTF-8 text: save it as UTF-8") from error
+        raise FileFormatError(
+            f"{path} is no UTF-8 text: save it as UTF-8, or give another file"
+        ) from error
 
 
 def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:

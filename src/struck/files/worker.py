@@ -13,7 +13,6 @@ import os
 import signal
 import sys
 from pathlib import Path
-from typing import Any
 
 from struck.errors import StruckError
 from struck.files.messages import (
@@ -23,6 +22,7 @@ from struck.files.messages import (
     TASKS,
     UNREADABLE,
     Answer,
+    Frame,
     ReadingLimits,
     read_frame,
     write_frame,
@@ -42,12 +42,13 @@ def main() -> None:
     with contextlib.suppress(EOFError, OSError):
         write_frame(answers, {"ready": True})
         while True:
-            question = read_frame(sys.stdin.buffer, largest=0).content
+            frame = read_frame(sys.stdin.buffer, largest=limits.answer)
+            question = frame.content
             # The asker ends this process in time, unless it has died itself.
             faulthandler.dump_traceback_later(question["wall"] + _GRACE, exit=True)
             _give(question["seconds"])
             try:
-                write_frame(answers, *_answer(question, limits))
+                write_frame(answers, *_answer(frame, limits))
             except MemoryError:
                 os._exit(OUT_OF_MEMORY)
             _give(0)
@@ -73,12 +74,14 @@ def _confine(memory: int) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (limit_bytes, limit_bytes))
 
 
-def _answer(question: dict[str, Any], limits: ReadingLimits) -> Answer:
+def _answer(frame: Frame, limits: ReadingLimits) -> Answer:
     """Return the answer of a task, or the error that its reader raises."""
+    question = frame.content
+    arrays = {"arrays": frame.arrays} if frame.arrays else {}
     try:
         module, _, name = TASKS[question["task"]].partition(":")
         read = getattr(importlib.import_module(module), name)
-        return read(Path(question["path"]), limits, **question["options"])
+        return read(Path(question["path"]), limits, **question["options"], **arrays)
     except StruckError as error:
         return {"error": type(error).__name__, "message": str(error)}, []
     except OSError as error:

@@ -111,9 +111,9 @@ def repair_mesh(mesh: Mesh, *, wall: float | None = None, holes: str | None = No
     # `wall`, m, is for a single-sided sheet; `holes` selects whether its openings stay: "keep",
     # "fill", or by their form. MeshError if no body is recognised: a sheet without `wall`, a
     # one-sided or flat surface, faces that point in all directions.
-    old_volume = _volume(mesh)
-    if _is_clean(mesh):
-        return Repair(mesh=mesh, volume_before=old_volume, volume_after=old_volume)
+    old_volume, clean = _volume(mesh), clean_repair(mesh)
+    if clean is not None:
+        return clean
     if len(mesh.faces) > MAX_FACES:
         raise MeshError(
             f"it is damaged and has {len(mesh.faces):,} faces, and at most {MAX_FACES:,} are "
@@ -192,12 +192,16 @@ def _volume(mesh: Mesh) -> float:
     return float(np.einsum("ij,ij->", offsets, mesh.area_vectors) / 3)
 
 
-def _is_clean(mesh: Mesh) -> bool:
+def clean_repair(mesh: Mesh) -> Repair | None:
+    """Return a clean surface as its own repair, None for a surface with faults."""
     try:
         require_closed(mesh)
     except MeshError:
-        return False
-    return not find_lines(mesh).any() and not len(crossings(mesh))
+        return None
+    if find_lines(mesh).any() or len(crossings(mesh)):
+        return None
+    volume = _volume(mesh)
+    return Repair(mesh=mesh, volume_before=volume, volume_after=volume)
 
 
 def _body(surface: Mended, is_solid: Mask, record: RepairLog) -> Mesh:
