@@ -94,39 +94,44 @@ def resonators() -> synth.Resonators:
     return engine
 
 
-def heard(made: Any) -> None:  # noqa: ANN401 - of any excitation
+def heard(made: Any) -> struck.Sound:  # noqa: ANN401 - of any excitation
     """Play an excitation: what comes out is finite."""
-    finite(struck.render(bar(), made, seconds=0.05, sample_rate=RATE))
+    return finite(struck.render(bar(), made, seconds=0.05, sample_rate=RATE))
 
 
-def finite(made: struck.Sound) -> None:
+def finite(made: struck.Sound) -> struck.Sound:
     assert np.isfinite(made.samples).all()
+    return made
 
 
-def sounding(made: struck.ModalModel) -> None:
+def sounding(made: struck.ModalModel) -> struck.Sound | None:
     """Strike a model: what comes out is finite."""
-    if made.geometry is not None or not len(made.frequencies):
-        finite(struck.render(made, struck.Strike(), seconds=0.05, sample_rate=RATE))
+    if made.geometry is None and len(made.frequencies):
+        return None
+    return finite(struck.render(made, struck.Strike(), seconds=0.05, sample_rate=RATE))
 
 
-def heard_by(made: Any) -> None:  # noqa: ANN401 - of any listener
-    finite(struck.render(bar(), struck.Strike(), listener=made, seconds=0.05, sample_rate=RATE))
+def heard_by(made: Any) -> struck.Sound:  # noqa: ANN401 - of any listener
+    blow = struck.Strike()
+    return finite(struck.render(bar(), blow, listener=made, seconds=0.05, sample_rate=RATE))
 
 
-def analyzed(made: Any) -> None:  # noqa: ANN401 - of any shape
-    sounding(struck.analyze(made, "steel", band=(20.0, 2000.0)))
+def analyzed(made: Any) -> struck.Sound | None:  # noqa: ANN401 - of any shape
+    return sounding(struck.analyze(made, "steel", band=(20.0, 2000.0)))
 
 
-def cut(made: Any) -> None:  # noqa: ANN401 - of any solid
-    assert np.isfinite(made.volume_mesh("preview").nodes).all()
+def cut(made: Any) -> np.ndarray:  # noqa: ANN401 - of any solid
+    nodes = made.volume_mesh("preview").nodes
+    assert np.isfinite(nodes).all()
+    return nodes
 
 
-def of_material(made: struck.Material) -> None:
-    sounding(bar().made_of(made))
+def of_material(made: struck.Material) -> struck.Sound | None:
+    return sounding(bar().made_of(made))
 
 
-def damped(made: struck.Damping) -> None:
-    sounding(bar().damped(made))
+def damped(made: struck.Damping) -> struck.Sound | None:
+    return sounding(bar().damped(made))
 
 
 def foretold(**given: Any) -> struck.ModalModel:  # noqa: ANN401 - what an analysis takes
@@ -186,14 +191,25 @@ def _log_file(folder: Path) -> Path:
     return folder / "log.csv"
 
 
-def on_floor(events: scene.Events) -> None:
-    finite(struck.render(events.on(), seconds=0.05, sample_rate=RATE))
+def on_floor(events: scene.Events) -> struck.Sound:
+    return finite(struck.render(events.on(), seconds=0.05, sample_rate=RATE))
 
 
-def inside(made: ears.Room) -> None:
+def inside(made: ears.Room) -> struck.Sound:
     heard_in = struck.Mono(position=(1.0, 1.0, 1.5))
     body = scene.Body(model=bar(), excitations=struck.Strike(), position=(2.0, 2.0, 1.0))
-    finite(struck.render([body], listener=heard_in, room=made, seconds=0.05, sample_rate=RATE))
+    options = {"listener": heard_in, "room": made, "seconds": 0.05, "sample_rate": RATE}
+    return finite(struck.render([body], **options))
+
+
+def fall(seconds: float, **options: Any) -> tuple[scene.Scene, scene.Contacts]:  # noqa: ANN401
+    """Simulate a silent block that falls on the ground."""
+    Path("fall.xml").write_text(
+        "<mujoco><worldbody><geom type='plane' size='1 1 0.1'/><body name='block' pos='0 0 0.011'>"
+        "<freejoint/><geom type='box' size='0.05 0.03 0.01'/></body></worldbody></mujoco>",
+        "ascii",
+    )
+    return scene.Simulation("fall.xml", mute=["block"], **options).run(seconds)
 
 
 MODES = {

@@ -9,11 +9,12 @@ import resource
 import signal
 import time
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
+from typing import Any
 
 import hypothesis
 import numpy as np
@@ -23,7 +24,9 @@ from hypothesis import strategies
 import struck
 from struck.cli import main
 from struck.errors import StruckError
-from tests.hostile_calls import Call, calls
+from tests import foreign_numbers
+from tests.foreign_numbers import bits, python_number, python_numbers
+from tests.hostile_calls import Call, calls, fall
 
 NUMBERS = (0, -1, 1, 3, 0.5, 1e-300, 1e300, -1e300, 1e9, 2**63, 10**400)
 NUMBERS += (float("nan"), float("inf"), -float("inf"))
@@ -171,6 +174,107 @@ def test_the_right_arguments_are_taken() -> None:
         made = call.made(**call.given)
         if call.use is not None:
             call.use(made)
+
+
+# Numbers and arrays of other types than Python's own, the values that each argument takes.
+
+# Calls whose results depend on calls before, one that times itself, and one of some seconds.
+WITH_MEMORY = {"synth.Resonators.process", "synth.Resonators.change", "excitation.Push"}
+WITH_MEMORY |= {"analyze a solid", "sound_map"}
+OF_NOTES = {"band", "frequencies", "lowest"}  # arguments that are of numbers or of texts, as "A4"
+SAMPLE = (  # calls of whose types some are tried in each run
+    *("shapes.Bar", "shapes.RoundSection", "shapes.CircularPlate", "shapes.GivenSection"),
+    *("solids.Block", "solids.Extrusion", "solids.Revolution", "solids.VolumeMesh"),
+    *("model.Material", "model.Measured", "model.Mesh", "model.Survey.full", "model.Chart"),
+    *("excitation.Strike", "excitation.Scrape", "excitation.ForceTrack", "excitation.TouchLog"),
+    *("excitation.Roughness", "excitation.Profile", "ears.Mono", "ears.Stereo", "ears.Room"),
+    *("scene.Contacts", "scene.Poses", "scene.Body", "scene.Simulation", "files.Sound"),
+    *("perception.SoundMap.at", "recordings.Take", "render", "analyze"),
+)
+
+
+@cache
+def all_calls() -> dict[str, Call]:
+    """Return the calls of the table, and one that simulates."""
+    given = {"seconds": 0.02, "step": 1e-3, "restitution": 0.5, "friction": 0.3}
+    return table() | {"scene.Simulation": Call(made=fall, given=given)}
+
+
+@cache
+def typed_arguments(name: str) -> dict[tuple[str, str], tuple[object, bool]]:
+    """Return values by argument of a call and name of a type, and whether each is of numbers."""
+    values: dict[tuple[str, str], tuple[object, bool]] = {}
+    for argument, value in all_calls()[name].given.items():
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            base, of_numbers, others = value, foreign_numbers.SCALARS, foreign_numbers.NO_SCALARS
+        elif isinstance(value, list | tuple | np.ndarray):
+            base, others = np.asarray(value), foreign_numbers.NO_ARRAYS
+            tables = {"c": foreign_numbers.ARRAYS_OF_COMPLEX}
+            tables |= dict.fromkeys("if", foreign_numbers.ARRAYS)
+            if base.dtype.kind not in tables:
+                continue
+            of_numbers = tables[base.dtype.kind]
+        else:
+            continue
+        with np.errstate(over="ignore"):  # of numbers beyond 65,504 in half precision
+            values |= {(argument, kind): (make(base), True) for kind, make in of_numbers.items()}
+            values |= {
+                (argument, kind): (make(base), False)
+                for kind, make in others.items()
+                if not (kind.startswith("text") and argument in OF_NOTES)
+            }
+    return values
+
+
+def result(call: Call, changed: Mapping[str, object]) -> tuple[str, Any]:
+    """Return the error, or nothing and what comes of changed arguments."""
+    with contextlib.chdir(folder()), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            made = call.made(**{**call.given, **changed})
+            used = call.use(made) if call.use is not None else None
+        except StruckError as error:
+            return type(error).__name__, str(error)
+    return "", bits(made if used is None else used)
+
+
+def wrong_of_type(name: str, argument: str, kind: str) -> str:
+    """Return what is wrong with a call by a value of a type; nothing where it is right."""
+    call, (value, is_of_numbers) = all_calls()[name], typed_arguments(name)[argument, kind]
+    try:
+        error, found = result(call, {argument: value})
+    except Exception as raw:  # noqa: BLE001 - what is looked for
+        return f"{name}({argument}={kind}): {type(raw).__name__} {raw}"
+    if not is_of_numbers:
+        return "" if error else f"{name}({argument}={kind}) was taken"
+    if isinstance(call.given[argument], int | float):
+        plain = python_number(value, whole=isinstance(call.given[argument], int))
+    else:
+        plain = python_numbers(value)
+    plain_error, expected = result(call, {argument: plain})
+    if error == plain_error and (error or found == expected):
+        return ""
+    return f"{name}({argument}={kind}): {error} {found!s:.200}, of {plain!r:.80}: {plain_error}"
+
+
+def calls_by_type(names: Iterable[str], count: int) -> list[tuple[str, str, str]]:
+    """Return a draw of calls, each with an argument and the name of a type."""
+    every = [(name, *case) for name in names for case in typed_arguments(name)]
+    chance = np.random.default_rng(59)
+    return [every[number] for number in chance.permutation(len(every))[:count]]
+
+
+def test_results_do_not_depend_on_the_types_of_numbers() -> None:
+    wrong = [wrong_of_type(*case) for case in calls_by_type(SAMPLE, 200)]
+    assert not [*filter(None, wrong)]
+
+
+@pytest.mark.prove
+def test_two_thousand_results_do_not_depend_on_the_types_of_numbers() -> None:
+    names = [n for n, call in all_calls().items() if not call.dear and n not in WITH_MEMORY]
+    cases = calls_by_type(names, 2000)
+    assert len(cases) == 2000
+    assert not [*filter(None, map(wrong_of_type, *zip(*cases, strict=True)))]
 
 
 # The shell: each command with words that are right, of which one is exchanged.

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from struck.ears.sphere import HEAD_RADIUS
 from struck.errors import OptionError, require_choice
-from struck.model.arrays import Array, Single, brief, checked, numbers
+from struck.model.arrays import Array, Single, brief, checked, numbers, short_text
 
 if TYPE_CHECKING:
     from struck.ears.heads import Filters, Head
@@ -125,7 +125,7 @@ class Trajectory:
 
 def ascending(name: str, times: ArrayLike) -> Array:
     """Return the times of a table, s (T,); OptionError where they do not ascend."""
-    moments = np.atleast_1d(np.asarray(times, np.float64))
+    moments = np.atleast_1d(numbers(name, times))
     is_ascending = moments.ndim == 1 and np.isfinite(moments).all() and (np.diff(moments) > 0).all()
     if not (len(moments) and is_ascending):
         text = " ".join(str(times).split())
@@ -139,16 +139,12 @@ def is_table(course: object) -> TypeGuard[tuple[Sequence[float], ArrayLike]]:
 
 
 def _points(name: str, values: object, shape: tuple[int, ...]) -> Array:
-    try:
-        points = np.array(values)
-        points = points.astype(np.float64, casting="same_kind")
-    except (TypeError, ValueError) as error:
-        raise OptionError(f"{name} is {values!r}: give (x, y, z), or (times, points)") from error
+    points = np.array(numbers(name, values))  # a copy: the caller may change its own
     # If the sum is finite, so are all points; it takes less time than the test of all.
     if points.shape != shape or not (math.isfinite(points.sum()) or np.isfinite(points).all()):
         raise OptionError(
-            f"{name} is {values!r}: give finite numbers of shape {shape}, or (times, points), or a "
-            "function of time"
+            f"{name} is {short_text(values)}: give finite numbers of shape {shape}, or (times, "
+            "points), or a function of time"
         )
     return points
 

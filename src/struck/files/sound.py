@@ -77,11 +77,10 @@ class Sound:
                 f"{bad_count} of {samples.size} samples are not finite, or beyond the range of "
                 f"32-bit numbers ({rounded(LARGEST, 2)}): fill the gaps, or scale the samples"
             )
-        if not (self.sample_rate >= 1 and float(self.sample_rate).is_integer()):
+        if self.sample_rate < 1:
             raise OptionError(f"sample_rate is {self.sample_rate}: give a whole number of Hz")
         samples.setflags(write=False)
         object.__setattr__(self, "samples", samples)
-        object.__setattr__(self, "sample_rate", int(self.sample_rate))
 
     @classmethod
     @checked

@@ -1,8 +1,10 @@
-"""Arrays and other arguments: short names for annotations, and checks of the values given.
+"""Arrays and other arguments: short names for annotations, and conversion of the values given.
 
-`checked` compares the arguments of a public name with its annotations: text for a number, or a
-path for a material, is refused with the argument's name, before an error deep in the work. Bounds
-are checked by the names themselves, where they are known.
+`checked` converts the arguments of a public name to what its annotations name, once: numbers of
+any type become Python's float or int, and arrays those of NumPy in double precision, so that a
+result does not depend on the caller's types. Text for a number, or a path for a material, is
+refused with the argument's name, before an error deep in the work. Bounds are checked by the names
+themselves, where they are known.
 """
 
 from __future__ import annotations
@@ -10,15 +12,19 @@ from __future__ import annotations
 import functools
 import inspect
 import math
+import operator
 import os
 import re
+import reprlib
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
+from itertools import chain, islice
+from numbers import Complex as ComplexNumber
 from numbers import Number, Real
 from pathlib import Path
 from types import UnionType
-from typing import Any, TypeVar, get_args, get_origin
+from typing import Any, NamedTuple, NoReturn, TypeVar, get_args, get_origin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,18 +49,38 @@ def numbers(
     kind: type[np.inexact[Any]] = np.float64,
     error: type[StruckError] = OptionError,
 ) -> Any:  # noqa: ANN401 - an array of that kind
-    """Return values as an array of numbers, rows of `width` of them where that is given."""
-    try:
-        array = np.asarray(values, kind)
-    except (TypeError, ValueError, OverflowError):
-        raise error(f"{name}: {_shown(values)} holds what is no number: give numbers") from None
+    """Return values as an array of numbers, rows of `width` of them where that is given.
+
+    Arrays that are so already are returned as they are.
+    """
+    array = _to_array(values, np.dtype(kind))
+    if type(array) is _Unfit:
+        raise error(
+            f"{name}: {short_text(values)} holds what is no number: give numbers{array.reason}"
+        )
     if width and (not array.size or array.shape[-1:] != (width,)):
         raise error(f"{name}: the shape is {array.shape}: give {width} numbers each")
     return array
 
 
-def _shown(value: object) -> str:
-    text = "a number of more than 300 digits" if _is_huge(value) else repr(value)
+class _Shortened(reprlib.Repr):
+    """Texts of values of any size and class, whose own text may take long or fail."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel, self.maxstring, self.maxother = 9, 2 * _MAX_TEXT_LENGTH, 2 * _MAX_TEXT_LENGTH
+        self.maxlist = self.maxtuple = self.maxdict = self.maxset = _MAX_TEXT_LENGTH
+
+    def repr_int(self, x: int, level: int) -> str:
+        """Return the digits of a number that has few."""
+        del level
+        return "a number of more than 300 digits" if _is_huge(x) else repr(x)
+
+
+def short_text(value: object) -> str:
+    """Return a value as messages show it: its text, or how it begins."""
+    text = _Shortened().repr(value)
+    text = " ".join(text.split()) if "\n" in text else text  # as that of a table of pandas
     if len(text) < _MAX_TEXT_LENGTH:
         return text
     return f"{article(type(value).__name__)} that begins {text[:20]}"
@@ -142,11 +168,27 @@ def require_sample_rate(sample_rate: float, *, whole: bool = False, least: float
     require_number("sample rate", sample_rate, least, 1e6, whole=whole, hint=hint, unit=" Hz")
 
 
-# Types of arguments by annotations of public names, checked before any work.
+# Arguments by annotations of public names, converted before any work.
 
 Made = TypeVar("Made", bound=Callable[..., Any])
-# A kind of argument: a test of a value, and the words by which messages name the kind.
-Sort = tuple[Callable[[Any], bool], str]
+
+
+@dataclass(frozen=True, slots=True)
+class _Unfit:
+    """What a conversion returns for a value that is not of its kind; a reason ends the message."""
+
+    reason: str = ""
+
+
+_UNFIT = _Unfit()
+
+
+class _Kind(NamedTuple):
+    """A kind of argument: a conversion, which may return an `_Unfit`, and its name in messages."""
+
+    convert: Callable[[Any], Any]
+    description: str
+
 
 # More words for an argument of a kind.
 _LAWS = ", as struck.InternalFriction(loss_tangent=0.01), struck.Rayleigh or struck.Measured"
@@ -168,17 +210,19 @@ _BITS = 1023  # of the largest whole number that fits one of double precision
 
 
 def checked(made: Made) -> Made:
-    """Make a function or class refuse arguments whose types do not fit its annotations.
+    """Make a function or class convert its arguments to the types that its annotations name.
+
+    Fields of a dataclass hold converted values: Python's floats, and arrays of float64.
 
     Raises
     ------
     ArgumentError
-        On a value of another sort.
+        On a value of another kind.
     """
     if not isinstance(made, type):
-        return _refusing(made, made.__name__.removesuffix("_recordings"))  # as in `struck`
+        return _converting(made, made.__name__.removesuffix("_recordings"))  # as in `struck`
     kind: Any = made
-    kind.__init__ = _refusing(kind.__init__, kind.__name__)
+    kind.__init__ = _converting(kind.__init__, kind.__name__)
     fields_by_name = getattr(kind, "__dataclass_fields__", {})
     if any(_ARRAYS & set(re.findall(r"\w+", str(field.type))) for field in fields_by_name.values()):
         kind.__repr__ = brief
@@ -203,7 +247,7 @@ def _part(value: Any) -> str:  # noqa: ANN401 - any object
     return f"{type(value).__name__}{length_text}"
 
 
-def _refusing(function: Any, whose: str) -> Any:  # noqa: ANN401 - any function
+def _converting(function: Any, whose: str) -> Any:  # noqa: ANN401 - any function
     code = function.__code__
     names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
     has_variadic = code.co_flags & (inspect.CO_VARARGS | inspect.CO_VARKEYWORDS)
@@ -214,30 +258,37 @@ def _refusing(function: Any, whose: str) -> Any:  # noqa: ANN401 - any function
     required_names = {*names} - optional_names - {"self"}
 
     @functools.cache
-    def sorts() -> dict[str, tuple[Sort, ...]]:
+    def kinds() -> dict[str, _Kind]:
         module = vars(sys.modules[function.__module__])
         annotations = {name: str(function.__annotations__.get(name, "Any")) for name in names}
-        return {name: _sorts(text, module) for name, text in annotations.items()}
+        return {name: _kind_of_annotation(text, module) for name, text in annotations.items()}
 
     @functools.wraps(function)
-    def refusing(*arguments: Any, **keywords: Any) -> Any:  # noqa: ANN401 - as the function
-        sorts_by_name = sorts()
+    def converting(*arguments: Any, **keywords: Any) -> Any:  # noqa: ANN401 - as the function
+        kinds_by_name = kinds()
         if not has_variadic and (
-            len(arguments) > code.co_argcount or not keywords.keys() <= sorts_by_name.keys()
+            len(arguments) > code.co_argcount or not keywords.keys() <= kinds_by_name.keys()
         ):
             refuse_names(whose, code.co_argcount, names, arguments, keywords)
-        for name, value in zip(names, arguments, strict=False):
-            _require_sort(name, value, sorts_by_name[name], whose)
+        values = list(arguments)
+        for number, (name, value) in enumerate(zip(names, arguments, strict=False)):
+            kind = kinds_by_name[name]
+            values[number] = converted = kind.convert(value)
+            if type(converted) is _Unfit:
+                _refuse(name, value, kind.description, converted.reason, whose)
         for name, value in keywords.items():
-            _require_sort(name, value, sorts_by_name.get(name, ()), whose)
+            kind = kinds_by_name.get(name, _ANY)
+            keywords[name] = converted = kind.convert(value)
+            if type(converted) is _Unfit:
+                _refuse(name, value, kind.description, converted.reason, whose)
         if required_names and (
             lacking := required_names.difference(names[: len(arguments)], keywords)
         ):
             missing = ", ".join(f"{name}=" for name in names if name in lacking)
             raise ArgumentError(f"{whose} was not given {missing}: {_taken(names)}")
-        return function(*arguments, **keywords)
+        return function(*values, **keywords)
 
-    return refusing
+    return converting
 
 
 def _taken(names: Sequence[str]) -> str:
@@ -254,157 +305,362 @@ def refuse_names(
     """Refuse arguments beyond the `first` without a name, or of names that a function lacks."""
     if len(arguments) > count:
         pairs = zip(names[count:], arguments[count:], strict=False)
-        text = ", ".join(f"{name}={_shown(value)}" for name, value in pairs)
+        text = ", ".join(f"{name}={short_text(value)}" for name, value in pairs)
         raise ArgumentError(
-            f"{whose} was given {_shown(arguments[count])} without a name: give "
+            f"{whose} was given {short_text(arguments[count])} without a name: give "
             f"{whose}({'..., ' * (count > (names[0] in _BOUND_NAMES))}{text})"
         )
     unknown = next(name for name in keywords if name not in names)
     suggestion = nearest(unknown, [name for name in names if name not in _BOUND_NAMES], "{}=")
     raise ArgumentError(
-        f"{whose} has no {unknown}= (given as {_shown(keywords[unknown])}): "
+        f"{whose} has no {unknown}= (given as {short_text(keywords[unknown])}): "
         f"{suggestion}{_taken(names)}"
     )
 
 
-def _require_sort(name: str, value: object, sorts: tuple[Sort, ...], whose: str) -> None:
-    if not sorts or any(fits(value) for fits, _ in sorts):
-        return
-    kinds = " or ".join(dict.fromkeys(text for _, text in sorts))
-    if name in {"impulse", "speed", "force"} and np.shape(np.asarray(value, object)) == (3,):
+def _refuse(name: str, value: object, description: str, reason: str, whose: str) -> NoReturn:
+    """Refuse a value, by a message that gives the kinds that fit."""
+    kinds = description
+    if name in {"impulse", "speed", "force"} and len(_items(value) or ()) == 3:
         kinds += f"; {name}= says how hard, and direction= says which way"
-    if (name, kinds.partition(" or ")[0]) in _HINTS:
-        kinds += _HINTS[name, kinds.partition(" or ")[0]].format(value)
+    if (name, description.partition(" or ")[0]) in _HINTS:
+        kinds += _HINTS[name, description.partition(" or ")[0]].format(value)
     is_path = isinstance(value, str | os.PathLike)
-    if is_path and "a ModalModel" in kinds:
-        load = f", as struck.load({_shown(value)})"
+    if is_path and "a ModalModel" in description:
+        load = f", as struck.load({short_text(value)})"
         kinds += "; give it first, and then the path" if whose == "save" else load
     elif whose == "save" and hasattr(value, "save"):
         kinds += f"; {article(type(value).__name__)} has its own save(path)"
-    raise ArgumentError(f"{name} is {_shown(value)}: {whose} takes {kinds}")
+    raise ArgumentError(f"{name} is {short_text(value)}: {whose} takes {kinds}{reason}")
 
 
-def _sorts(annotation: str, module: Mapping[str, Any]) -> tuple[Sort, ...]:
-    """Return the kinds of value that an annotation allows; none if it allows any."""
+def _kind_of_annotation(annotation: str, module: Mapping[str, Any]) -> _Kind:
+    """Return the kind of value that an annotation allows."""
     if annotation.startswith("InitVar["):
         annotation = annotation[len("InitVar[") : -1]
-    sorts = [_sort(part, module) for part in _alternatives(annotation)]
-    return tuple(sort for sort in sorts if sort) if all(sorts) else ()
+    return _union([_kind(part, module) for part in _separate(annotation, "|")])
 
 
-def _alternatives(annotation: str) -> Iterator[str]:
-    """Yield the parts of a union."""
+def _union(kinds: Sequence[_Kind]) -> _Kind:
+    """Return the kind of any of some kinds: the first that fits converts a value."""
+    if any(kind is _ANY for kind in kinds):
+        return _ANY
+    if len(kinds) == 1:
+        return kinds[0]
+    # None is tried first, as it is the quickest.
+    ordered_kinds = sorted(kinds, key=lambda kind: kind.description != "None")
+
+    def convert(value: Any) -> Any:  # noqa: ANN401 - any object
+        reasons = ""
+        for kind in ordered_kinds:
+            converted = kind.convert(value)
+            if type(converted) is not _Unfit:
+                return converted
+            reasons = reasons or converted.reason
+        return _Unfit(reasons)
+
+    return _Kind(convert, " or ".join(dict.fromkeys(kind.description for kind in kinds)))
+
+
+def _separate(annotation: str, separator: str) -> Iterator[str]:
+    """Yield the parts of an annotation between separators outside of brackets."""
     depth, start = 0, 0
     for position, letter in enumerate(annotation):
         depth += (letter in "[(") - (letter in "])")
-        if letter == "|" and not depth:
+        if letter == separator and not depth:
             yield annotation[start:position].strip()
             start = position + 1
     yield annotation[start:].strip()
 
 
-def _sort(annotation: str, module: Mapping[str, Any]) -> Sort | None:
+def _kind(annotation: str, module: Mapping[str, Any]) -> _Kind:
+    """Return the kind of value that an annotation without alternatives allows."""
     name, _, rest = annotation.partition("[")
     inner = rest.removesuffix("]")
     if name == "Sequence":
-        return _NUMBERS if {inner} <= _OF_NUMBERS else _list_of(_sorts(inner, module))
+        is_of_numbers = inner in {"float", "int"}
+        return _NUMBERS if is_of_numbers else _list_of(_kind_of_annotation(inner, module))
     if name == "tuple":
-        return _tuple_of(inner)
-    if name in _SORTS:
-        return _SORTS[name]
+        return _tuple_of([*_separate(inner, ",")], module)
+    if name == "Mapping" and inner:
+        return _mapping_to(_kind_of_annotation([*_separate(inner, ",")][-1], module))
+    if annotation in _KINDS or name in _KINDS:
+        return _KINDS.get(annotation) or _KINDS[name]
     if name in module:
-        return _of_kind(module[name], name)
+        return _kind_of_object(module[name], name)
     # Not loaded yet, as is everything that the verbs name for type checkers alone.
-    return (lambda value: _is_named(value, name), article(name)) if name in _NAMED else None
+    return (
+        _instance(lambda value: _is_named(value, name), article(name)) if name in _NAMED else _ANY
+    )
 
 
-def _tuple_of(inner: str) -> Sort:
-    """Return the test that an argument passes as a list, of numbers where the tuple holds them."""
-    is_listed, kinds = _list_of(())[0], set(inner.split(", "))
-    if not kinds <= _OF_NUMBERS:
-        return is_listed, "a list"
-    count = "" if "..." in kinds else f"{inner.count(',') + 1} "
-    return (lambda value: is_listed(value) and _is_numbers(value)), f"{count}numbers"
-
-
-def _list_of(inner: tuple[Sort, ...]) -> Sort:
-    def fits(value: Any) -> bool:  # noqa: ANN401 - any object
-        is_listed = isinstance(value, Sequence) and not isinstance(value, str | bytes)
-        if not is_listed and not (isinstance(value, np.ndarray) and value.ndim):
-            return False
-        return not inner or all(any(sort(item) for sort, _ in inner) for item in value)
-
-    return fits, " of ".join(["a list", *(text for _, text in inner[:1])])
-
-
-def _of_kind(kind: Any, name: str) -> Sort | None:  # noqa: ANN401 - any object
-    """Return the test that a class, or a union of classes, makes of arguments; None if neither."""
+def _kind_of_object(kind: Any, name: str) -> _Kind:  # noqa: ANN401 - any object
+    """Return the kind of value that a class, or a union of classes, allows; any for others."""
     if isinstance(kind, UnionType):
-        parts = [_of_kind(get_origin(item) or item, item.__name__) for item in get_args(kind)]
-        if not all(parts):
-            return None
-        texts = " or ".join(part[1] for part in parts if part)
-        return (lambda value: any(part[0](value) for part in parts if part)), texts
+        return _union([_kind_of_part(part) for part in get_args(kind)])
     if not isinstance(kind, type) or kind in {object, Any}:
-        return None
+        return _ANY
     if getattr(kind, "_is_protocol", False) and not getattr(kind, "_is_runtime_protocol", False):
-        return None
-    return _SORTS.get(name) or ((lambda value: isinstance(value, kind)), article(name))
+        return _ANY
+    return _KINDS.get(name) or _instance(lambda value: isinstance(value, kind), article(name))
+
+
+def _kind_of_part(part: Any) -> _Kind:  # noqa: ANN401 - a class, perhaps with parameters
+    """Return the kind of value that a class of a union allows."""
+    origin = get_origin(part)
+    if origin not in {tuple, Mapping}:
+        return _kind_of_object(origin or part, part.__name__)
+    return _kind(re.sub(r"[\w.]+\.(?=\w)", "", str(part)), {})  # without modules
 
 
 def _is_named(value: object, name: str) -> bool:
     return any(kind.__name__ == name for kind in type(value).__mro__)
 
 
+# Conversions of a value to a kind, which return an `_Unfit` for others. Most values are of their
+# type already, and are returned at once.
+
+
+def _instance(fits: Callable[[Any], bool], description: str) -> _Kind:
+    """Return the kind of values that pass a test; they are not changed."""
+    return _Kind(lambda value: value if fits(value) else _UNFIT, description)
+
+
 def _is_number(value: object) -> bool:
-    return isinstance(value, Number) and not isinstance(value, complex)
+    is_complex = isinstance(value, ComplexNumber) and not isinstance(value, Real)
+    return isinstance(value, Number) and not is_complex
 
 
 def _is_huge(value: object) -> bool:
     return isinstance(value, int) and value.bit_length() > _BITS
 
 
-def _is_whole(value: Any) -> bool:  # noqa: ANN401 - any object
-    whole = _is_number(value) and not isinstance(value, bool) and not _is_huge(value)
-    return whole and float(value).is_integer()
+def _to_float(value: Any) -> Any:  # noqa: ANN401 - any object
+    if type(value) is float:
+        return value
+    if not _is_number(value) or _is_huge(value):
+        return _UNFIT
+    try:
+        with np.errstate(over="ignore"):  # a long double beyond the range is infinite
+            return float(value)
+    except (ArithmeticError, TypeError, ValueError):
+        return _UNFIT
 
 
-def _is_numbers(value: object) -> bool:
-    """Return whether a value is a number, or a list or an array of numbers."""
-    if isinstance(value, Sequence) and not isinstance(value, str | bytes):
-        try:
-            value = np.asarray(value)
-        except (ValueError, OverflowError, TypeError):
-            return False
-    if isinstance(value, np.ndarray):
-        return value.dtype.kind in "biufc"
-    return hasattr(value, "__array__") or (isinstance(value, Number) and not _is_huge(value))
+def _to_int(value: Any) -> Any:  # noqa: ANN401 - any object
+    if isinstance(value, bool) or not _is_number(value):
+        return _UNFIT
+    try:
+        integer = int(value)
+        return integer if integer == value and not _is_huge(integer) else _UNFIT
+    except (ArithmeticError, TypeError, ValueError):
+        return _UNFIT
 
 
-_OF_NUMBERS = frozenset(["float", "int", "..."])
+def _to_complex(value: Any) -> Any:  # noqa: ANN401 - any object
+    number = _to_float(value)
+    is_complex = type(number) is _Unfit and isinstance(value, ComplexNumber)
+    return complex(value) if is_complex and not _is_huge(value) else number
+
+
+def _to_bool(value: Any) -> Any:  # noqa: ANN401 - any object
+    return bool(value) if isinstance(value, bool | np.bool_) else _UNFIT
+
+
+def _to_array(values: Any, dtype: np.dtype[Any]) -> Any:  # noqa: ANN401 - any object
+    """Convert to an array of that type; one that is so already is returned itself."""
+    if type(values) is np.ndarray and values.dtype is dtype:
+        return values
+    try:
+        fault = _find_fault(values)
+        return _cast(np.asarray(values), dtype) if fault is None else fault
+    except MemoryError:
+        raise
+    except Exception:  # noqa: BLE001 - objects of other packages raise what they like
+        return _UNFIT
+
+
+def _cast(array: AnyArray, dtype: np.dtype[Any]) -> Any:  # noqa: ANN401 - or an `_Unfit`
+    """Convert an array of any type to an array of numbers."""
+    kind = array.dtype.kind
+    if kind == "O":
+        return _convert_objects(array, dtype)
+    if kind not in "biufc":
+        return _UNFIT
+    if kind == "c" and dtype.kind != "c":
+        return _Unfit(", which are real")
+    with np.errstate(all="ignore"):
+        if array.dtype != dtype and dtype == np.float32:
+            array = array.astype(np.float64)  # of all types: rounded as Python's numbers are
+        converted = array.astype(dtype, copy=False)
+        if dtype.kind in "ib" and (is_changed := converted != array).any():
+            return _Unfit(f", and {array[is_changed][0]} is not")
+    return converted
+
+
+def _convert_objects(array: AnyArray, dtype: np.dtype[Any]) -> Any:  # noqa: ANN401 - or an `_Unfit`
+    """Convert an array of objects, all of which have to be numbers."""
+    convert = {"f": _to_float, "i": _to_int, "c": _to_complex, "b": _to_bool}[dtype.kind]
+    items = [convert(item) for item in array.flat]
+    if any(type(item) is _Unfit for item in items):
+        return _UNFIT
+    with np.errstate(over="ignore"):
+        return np.array(items, dtype).reshape(array.shape)
+
+
+def _find_fault(values: Any) -> _Unfit | None:  # noqa: ANN401 - any object
+    """Return why an object can be no array, as far as is known before memory is requested."""
+    is_array = isinstance(values, Number | memoryview) or hasattr(values, "__array__")
+    if not (is_array or _is_list_type(type(values))):
+        return _UNFIT
+    rows: list[Any] = [values]
+    for _ in range(_MAX_DEPTH):
+        kinds = set(map(type, rows))
+        if any(issubclass(kind, np.ndarray) and hasattr(kind, "mask") for kind in kinds):
+            masked_count = sum(np.count_nonzero(np.ma.getmaskarray(row)) for row in rows)
+            if masked_count:
+                return _Unfit(f", and {masked_count} of these are masked: fill or leave them out")
+        kinds = {kind for kind in kinds if _is_list_type(kind)}
+        if not kinds:
+            return None
+        rows = [row for row in rows if type(row) in kinds]
+        count = sum(map(len, rows))
+        if count > _MAX_LISTED:
+            return _Unfit(f", listed up to {_MAX_LISTED} of them: give a NumPy array")
+        rows = [*islice(chain.from_iterable(rows), count + 1)]
+        if len(rows) != count:  # of an object that is not as long as it says
+            return _UNFIT
+    return _UNFIT
+
+
+def _to_numbers(value: Any) -> Any:  # noqa: ANN401 - any object
+    """Convert a number to a float, a list or tuple to one of floats, and arrays to float64."""
+    kind = type(value)
+    if kind is float or (kind in {tuple, list} and set(map(type, value)) == {float}):
+        return value
+    array = _to_array(value, _DOUBLE)
+    if type(array) is _Unfit or not isinstance(value, Sequence | Number):
+        return array
+    return tuple(array.tolist()) if isinstance(value, tuple) else array.tolist()
+
+
+def _to_place(value: Any) -> Any:  # noqa: ANN401 - any object
+    return value if value is None or isinstance(value, str) else _to_numbers(value)
+
+
+def _list_of(inner: _Kind) -> _Kind:
+    """Return the kind of lists, or arrays, of a kind."""
+
+    def convert(value: Any) -> Any:  # noqa: ANN401 - any object
+        items = _items(value)
+        if items is None or inner is _ANY:
+            return _UNFIT if items is None else value
+        converted = [inner.convert(item) for item in items]
+        if any(type(item) is _Unfit for item in converted):
+            return _UNFIT
+        is_same = isinstance(value, Sequence | np.ndarray) and all(
+            map(operator.is_, items, converted)
+        )
+        return value if is_same else converted
+
+    return _Kind(convert, "a list" if inner is _ANY else f"a list of {inner.description}")
+
+
+def _to_band(value: Any) -> Any:  # noqa: ANN401 - any object
+    """Convert the numbers of two that may be notes; others are refused where notes are read."""
+    items = _items(value)
+    return value if items is None else tuple(_if_fitting(_KINDS["float"], item) for item in items)
+
+
+def _is_list_type(kind: type[Any]) -> bool:
+    return issubclass(kind, Sequence) and not issubclass(kind, (*_TEXT, memoryview))
+
+
+def _items(value: Any) -> list[Any] | None:  # noqa: ANN401 - any object
+    """Return the items of a list, or the rows of an array; None for another object."""
+    if not _is_list_type(type(value)):
+        array = value if isinstance(value, np.ndarray) else _to_array(value, _DOUBLE)
+        return None if type(array) is _Unfit or not array.ndim else [*array]
+    count = len(value)
+    items = [*islice(value, count + 1)] if count <= _MAX_LISTED else []
+    return items if len(items) == count else None
+
+
+def _tuple_of(parts: Sequence[str], module: Mapping[str, Any]) -> _Kind:
+    """Return the kind of lists that are given where a tuple belongs, which they become."""
+    of_numbers = {*parts} - {"..."} in ({"float"}, {"int"})
+    inner = _kind_of_annotation(parts[0], module)
+    exact = {float if parts[0] == "float" else int}
+    dtype = _DOUBLE if parts[0] == "float" else _INTEGER
+
+    def convert(value: Any) -> Any:  # noqa: ANN401 - any object
+        if of_numbers and type(value) is tuple and set(map(type, value)) == exact:
+            return value
+        if of_numbers:
+            array = _to_array(value, dtype)
+            if type(array) is _Unfit:
+                return array
+            return tuple(array.tolist()) if array.ndim else _UNFIT
+        items = _items(value)
+        return _UNFIT if items is None else tuple(_if_fitting(inner, item) for item in items)
+
+    count = "" if "..." in parts else f"{len(parts)} "
+    return _Kind(convert, f"{count}numbers" if of_numbers else "a list")
+
+
+def _mapping_to(inner: _Kind) -> _Kind:
+    """Return the kind of mappings to a kind."""
+
+    def convert(value: Any) -> Any:  # noqa: ANN401 - any object
+        if not isinstance(value, Mapping):
+            return _UNFIT
+        items = {key: _if_fitting(inner, item) for key, item in value.items()}
+        return value if all(items[key] is item for key, item in value.items()) else items
+
+    return _Kind(convert, "a mapping")
+
+
+def _if_fitting(kind: _Kind, value: Any) -> Any:  # noqa: ANN401 - any object
+    """Return a converted value; itself where it is of another kind, which its user refuses."""
+    converted = kind.convert(value)
+    return value if type(converted) is _Unfit else converted
+
+
+def _array_of(dtype: np.dtype[Any], description: str = "numbers") -> _Kind:
+    return _Kind(functools.partial(_to_array, dtype=dtype), description)
+
+
+_TEXT = (str, bytes, bytearray)
+_MAX_DEPTH = 8  # of lists in lists; no array here has more than 4 dimensions
+_MAX_LISTED = 2**24  # numbers in lists: converted in 2 s, in 0.5 GB
+_DOUBLE, _INTEGER = np.dtype(np.float64), np.dtype(np.int64)
 _NAMED = frozenset(
     [
         *("Body", "Contacts", "Fitting", "Material", "Mesh", "ModalModel", "Room", "Scene"),
         *("Sound", "SoundMap", "Strike", "Survey"),
     ]
 )
-_NUMBERS: Sort = (_is_numbers, "numbers")
-_SORTS: dict[str, Sort] = {
-    "None": (lambda value: value is None, "None"),
-    "float": (lambda value: _is_number(value) and not _is_huge(value), "a number"),
-    "int": (_is_whole, "a whole number"),
-    "bool": (lambda value: isinstance(value, bool | np.bool_), "True or False"),
-    "str": (lambda value: isinstance(value, str) and "\0" not in value, "text"),
-    "Path": (lambda value: isinstance(value, Path), "a path"),
-    "os.PathLike": (lambda value: isinstance(value, os.PathLike), "a path"),
-    "Callable": (callable, "a function"),
-    "Progress": (callable, "a function of a stage and the fraction done"),
-    "Mapping": (lambda value: isinstance(value, Mapping), "a mapping"),
-    "Place": (
-        lambda value: value is None or isinstance(value, str) or _is_numbers(value),
-        "a name or coordinates",
-    ),
-    **dict.fromkeys(
-        ["Array", "ArrayLike", "Complex", "Index", "NDArray", "Pairs", "Thickness"], _NUMBERS
-    ),
+_ANY = _Kind(lambda value: value, "anything")
+_NUMBERS = _Kind(_to_numbers, "numbers")
+_PLACE = _Kind(_to_place, "a name or coordinates")
+_KINDS = {
+    "None": _instance(lambda value: value is None, "None"),
+    "float": _Kind(_to_float, "a number"),
+    "int": _Kind(_to_int, "a whole number"),
+    "bool": _Kind(_to_bool, "True or False"),
+    "str": _instance(lambda value: isinstance(value, str) and "\0" not in value, "text"),
+    "Path": _instance(lambda value: isinstance(value, Path), "a path"),
+    "os.PathLike": _instance(lambda value: isinstance(value, os.PathLike), "a path"),
+    "Callable": _instance(callable, "a function"),
+    "Progress": _instance(callable, "a function of a stage and the fraction done"),
+    "Mapping": _instance(lambda value: isinstance(value, Mapping), "a mapping"),
+    "Band": _Kind(_to_band, "two frequencies"),
+    "Place": _PLACE,
+    "Waypoints": _list_of(_PLACE),
+    **dict.fromkeys(["Pairs", "Thickness"], _NUMBERS),
+    **dict.fromkeys(["Array", "ArrayLike"], _array_of(_DOUBLE)),
+    "NDArray[np.float32]": _array_of(np.dtype(np.float32)),
+    "Complex": _array_of(np.dtype(np.complex128)),
+    "Index": _array_of(_INTEGER, "whole numbers"),
+    "Mask": _array_of(np.dtype(np.bool_), "True or False for each"),
 }

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from struck.errors import MaterialError, OptionError, StruckError, rounded
-from struck.model.arrays import Array, checked, numbers, require_number
+from struck.model.arrays import Array, checked, numbers, require_number, short_text
 
 _STEPS, _PRECISION = 200, 1e-14
 
@@ -179,10 +179,8 @@ class Measured:
             times = numbers("t60", t60, error=MaterialError)
             with np.errstate(divide="ignore", invalid="ignore"):
                 object.__setattr__(self, "rates", np.log(1000) / times)
-        if not isinstance(self.frequencies, np.ndarray):
-            pitches = np.atleast_1d(np.asarray(self.frequencies, object)).ravel()
-            frequencies = in_hertz("frequencies", pitches, error=MaterialError)
-            object.__setattr__(self, "frequencies", frequencies)
+        frequencies = in_hertz("frequencies", self.frequencies, error=MaterialError)
+        object.__setattr__(self, "frequencies", frequencies)
         for name in ("frequencies", "rates"):
             values = numbers(name, getattr(self, name), error=MaterialError)
             object.__setattr__(self, name, tuple(np.atleast_1d(values).ravel().tolist()))
@@ -312,5 +310,7 @@ def require_band(band: object) -> tuple[float, float]:
     is_pair = all(np.isscalar(pitch) for pitch in pitches)
     ends = np.asarray(in_hertz("band", pitches)) if is_pair else np.zeros(0)
     if ends.shape != (2,) or ends.dtype.kind not in "iuf" or not 0 <= ends[0] < ends[1] < np.inf:
-        raise OptionError(f"band is {band}: give two frequencies in Hz, or notes, the lower first")
+        raise OptionError(
+            f"band is {short_text(band)}: give two frequencies in Hz, or notes, the lower first"
+        )
     return float(ends[0]), float(ends[1])

@@ -55,8 +55,8 @@ class Mesh:
     up: str = "z"
 
     def __post_init__(self) -> None:
-        points = np.array(self.points, dtype=np.float64, ndmin=2)
-        faces = np.array(indices("faces", self.faces), ndmin=2)
+        points = np.array(self.points, dtype=np.float64, ndmin=2, order="C")
+        faces = np.array(indices("faces", self.faces), ndmin=2, order="C")
         require_vertices(points)
         require_triangles(faces, len(points))
         require_area((points, faces))

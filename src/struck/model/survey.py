@@ -141,12 +141,11 @@ class Survey:
         OptionError
             On gains of another shape, or as the class.
         """
-        gains = np.asarray(gains)
         if gains.ndim != 3:
             raise OptionError(f"gains have shape {gains.shape}: give (contacts, listeners, modes)")
         return cls(
-            contacts=np.asarray(contacts),
-            listeners=np.asarray(listeners),
+            contacts=contacts,
+            listeners=listeners,
             pairs=np.argwhere(np.ones(gains.shape[:2])),
             gains=gains.reshape(-1, gains.shape[2]),
             frequencies=frequencies,

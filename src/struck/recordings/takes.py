@@ -23,7 +23,7 @@ from struck.files.atomic import is_file, is_folder, read_bytes, real
 from struck.files.recognition import another_kind
 from struck.files.sound import Sound
 from struck.files.sound_formats import read_coded
-from struck.model.arrays import Array, Mask, checked
+from struck.model.arrays import Array, Mask, checked, numbers
 from struck.model.provenance import Progress, silent
 from struck.model.survey import SYMMETRIES
 from struck.recordings.manifest import KINDS, NAME, Manifest, manifest_in, read_manifest
@@ -336,7 +336,7 @@ class RecordingSet:
                 contacts=None if contacts is None else _columns(contacts),
                 listeners=None if listeners is None else _microphones(listeners, takes),
                 coordinates=() if contacts is None else ("u", "v")[: _columns(contacts).shape[1]],
-                centre=np.zeros(3) if centre is None else _numbers("centre", centre),
+                centre=np.zeros(3) if centre is None else numbers("centre", centre),
                 symmetry=symmetry or "none",
             )
         if contacts is not None or listeners is not None:
@@ -356,7 +356,7 @@ class RecordingSet:
             contacts=contacts if manifest.has_contacts else None,
             listeners=listeners if manifest.has_listeners else None,
             coordinates=manifest.coordinates or ("u", "v")[: contacts.shape[1]],
-            centre=_numbers("centre", manifest.centre if centre is None else centre),
+            centre=numbers("centre", manifest.centre if centre is None else centre),
             symmetry=symmetry or manifest.symmetry,
         )
 
@@ -415,15 +415,8 @@ def _require_several(recordings: Recording | Sequence[Recording]) -> list[Record
     return list(sources)
 
 
-def _numbers(name: str, values: ArrayLike) -> Array:
-    try:
-        return np.asarray(values, np.float64)
-    except (TypeError, ValueError) as error:
-        raise OptionError(f"{name} is {values!r}: give numbers, as many for each") from error
-
-
 def _columns(contacts: ArrayLike) -> Array:
-    values = np.atleast_1d(_numbers("contacts", contacts))
+    values = np.atleast_1d(numbers("contacts", contacts))
     return values[:, None] if values.ndim == 1 else values
 
 
@@ -431,10 +424,9 @@ def _microphones(
     listeners: ArrayLike | Sequence[ArrayLike], takes: Sequence[Take]
 ) -> tuple[Array, ...]:
     """Return the places of each take's channels: one place for all takes, or a set for each."""
-    try:
-        points = [np.asarray(place, np.float64) for place in listeners]  # type: ignore[union-attr] - an array or a list
-    except (TypeError, ValueError) as error:
-        raise OptionError(f"listeners are {listeners!r}: give x, y, z of each, m") from error
+    if not isinstance(listeners, Sequence):
+        listeners = np.atleast_1d(numbers("listeners", listeners))
+    points = [numbers("listeners", place) for place in listeners]
     if len(points) == 3 and all(place.ndim == 0 for place in points):
         return tuple(np.array([points]) for _ in takes)
     return tuple(place[None] if place.ndim == 1 else place for place in points)

@@ -70,7 +70,7 @@ class Poses:
 
     def __post_init__(self) -> None:
         time = _column("time", self.time, None, _MAX_TIME)
-        body = _convert_integers("body", self.body, len(time))
+        body = _integer_column("body", self.body, len(time))
         position = _column("position", self.position, (len(time), 3))
         rotation = _quaternions(self.rotation, len(time))
         order = np.lexsort((time, body))
@@ -215,8 +215,8 @@ class Contacts:
         columns: dict[str, AnyArray] = {
             "time": time,
             "dt": _steps(self.dt, count),
-            "body0": _convert_integers("body0", self.body0, count),
-            "body1": _convert_integers("body1", self.body1, count),
+            "body0": _integer_column("body0", self.body0, count),
+            "body1": _integer_column("body1", self.body1, count),
             "position": _column("position", self.position, (count, 3)),
             "impulse": _column("impulse", self.impulse, (count, 3)),
         }
@@ -224,7 +224,7 @@ class Contacts:
         if self.velocity is not None:
             columns["velocity"] = _column("velocity", self.velocity, (count, 3))
         if self.id is not None:
-            columns["id"] = _convert_integers("id", self.id, count)
+            columns["id"] = _integer_column("id", self.id, count)
         self._require_pairs(columns["body0"], columns["body1"])
         self._require_poses()
         order, notes = _sort_rows(columns)
@@ -351,10 +351,13 @@ def _names(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _column(
-    name: str, values: object, shape: tuple[int, ...] | None, max_magnitude: float = _MAX_MAGNITUDE
+    name: str,
+    values: AnyArray,
+    shape: tuple[int, ...] | None,
+    max_magnitude: float = _MAX_MAGNITUDE,
 ) -> Array:
-    """Return finite numbers of that shape, or (K,)."""
-    column = np.array(numbers(name, values), np.float64)
+    """Return a copy of finite numbers of that shape, or (K,)."""
+    column = values.astype(np.float64)
     if column.ndim != 1 if shape is None else column.shape != shape:
         raise OptionError(f"{name} has shape {column.shape}: give {shape or 'one for each row'}")
     is_invalid = ~(np.abs(column) <= max_magnitude)
@@ -368,16 +371,13 @@ def _column(
     return column
 
 
-def _convert_integers(name: str, values: object, count: int) -> Index:
-    column = _column(name, values, (count,), 2.0**53)
-    if np.any(column % 1):
-        raise OptionError(f"{name} is {column[column % 1 > 0][0]}: give whole numbers")
-    return column.astype(np.int64)
+def _integer_column(name: str, values: Index, count: int) -> Index:
+    return _column(name, values, (count,), 2.0**53).astype(np.int64)
 
 
 def _steps(values: Array, count: int) -> Array:
-    steps = numbers("dt", values)
-    steps = _column("dt", np.broadcast_to(steps, (count,)) if steps.ndim == 0 else steps, (count,))
+    values = np.broadcast_to(values, (count,)) if values.ndim == 0 else values
+    steps = _column("dt", values, (count,))
     invalid_rows = np.flatnonzero((steps < 0) | (steps > _MAX_STEP))
     if len(invalid_rows):
         raise OptionError(

@@ -225,6 +225,7 @@ class Simulation:
             return RapierEngine(self.model, self._links, self._laws, self._keyframe)
         return MujocoEngine(self.model, self._links, self._keyframe)
 
+    @checked
     def run(
         self, seconds: float, *, control: Control | None = None, progress: Progress = silent
     ) -> tuple[Scene, Contacts]:
