@@ -281,7 +281,7 @@ def test_bad_bars_are_refused(wrong: dict[str, object], message: str) -> None:
 def test_bad_sections_are_refused() -> None:
     with pytest.raises(OptionError, match=r"wall of the section is 0.02 m: at most its radius"):
         RoundSection(radius=0.01, wall=0.02)
-    with pytest.raises(OptionError, match=r"wall of the section is 0.0 m: it must exceed 0"):
+    with pytest.raises(OptionError, match=r"wall of the section is 0 m: it must exceed 0"):
         RoundSection(radius=0.01, wall=0.0)
     with pytest.raises(OptionError, match="radius of the section is -1 m"):
         RoundSection(radius=-1)

@@ -380,7 +380,7 @@ INVALID = [
     ),
     (Revolution, {"profile": [(0, 0)], "wall": 0.01}, r"1 points: give at least 2"),
     (Revolution, {"profile": [(-1, 0), (1, 0)], "wall": 0.01}, r"r = -1.0 m"),
-    (Revolution, {"profile": [(0, 0), (1, 0)], "wall": 0}, r"wall is 0.0 m"),
+    (Revolution, {"profile": [(0, 0), (1, 0)], "wall": 0}, r"wall is 0 m"),
     (Revolution, {"profile": [(0, 0), (1, 0)], "wall": [1, 2, 3]}, r"3 values for 2 points"),
     (Revolution, {"profile": [(1, 0), (1, 0)], "wall": 0.1}, r"repeats the point"),
     (Revolution, {"profile": [(1, 0), (2, 0), (1, 1), (1, 0)], "wall": 0.1}, r"closes on itself"),

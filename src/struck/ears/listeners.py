@@ -139,7 +139,10 @@ def is_table(course: object) -> TypeGuard[tuple[Sequence[float], ArrayLike]]:
 
 
 def _points(name: str, values: object, shape: tuple[int, ...]) -> Array:
-    points = np.array(numbers(name, values))  # a copy: the caller may change its own
+    try:
+        points = np.array(numbers(name, values))  # a copy: the caller may change its own
+    except OptionError:  # the message below says what is needed
+        points = np.zeros(0)
     # If the sum is finite, so are all points; it takes less time than the test of all.
     if points.shape != shape or not (math.isfinite(points.sum()) or np.isfinite(points).all()):
         raise OptionError(

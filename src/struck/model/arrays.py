@@ -157,7 +157,7 @@ def require_number(
         number = value = math.inf
     is_within = least < number if above else least <= number
     if not is_within or number == math.inf or (whole and number % 1):
-        raise error(f"{name} is {value}{unit}: {hint}")
+        raise error(f"{name} is {str(value).removesuffix('.0')}{unit}: {hint}")
     if number > most:
         raise error(f"{name} is {rounded(number)}{unit}: it must be at most {rounded(most)}")
 

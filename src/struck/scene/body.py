@@ -466,12 +466,13 @@ def doubts(bodies: Sequence[Body], seconds: float | None) -> tuple[str, ...]:
             stacklevel=4,
         )
     late_actions = [action for action in actions if _is_late(action, seconds)]
+    if seconds is None or not late_actions:
+        return ()
     kinds = " and ".join(sorted({type(action).__name__.lower() for action in late_actions}))
-    note = (
+    return (
         f"{len(late_actions)} of {len(actions)} excitations ({kinds}) begin after the end at "
-        f"{rounded(seconds)} s and are not heard: give more seconds, or times in s"
+        f"{rounded(seconds)} s and are not heard: give more seconds, or times in s",
     )
-    return (note,) if late_actions else ()
 
 
 _LONGEST_BLOW = 0.1  # s; a fingertip at 0.01 m/s pushes for 0.02 s
