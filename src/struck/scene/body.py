@@ -469,10 +469,11 @@ def doubts(bodies: Sequence[Body], seconds: float | None) -> tuple[str, ...]:
     if seconds is None or not late_actions:
         return ()
     kinds = " and ".join(sorted({type(action).__name__.lower() for action in late_actions}))
-    return (
+    note = (
         f"{len(late_actions)} of {len(actions)} excitations ({kinds}) begin after the end at "
-        f"{rounded(seconds)} s and are not heard: give more seconds, or times in s",
+        f"{rounded(seconds)} s and are not heard: give more seconds, or times in s"
     )
+    return (note,)
 
 
 _LONGEST_BLOW = 0.1  # s; a fingertip at 0.01 m/s pushes for 0.02 s
