@@ -34,8 +34,11 @@ _USUAL = 4e-3  # s, of a transform where forecasts of seconds were fitted
 
 
 def slowness() -> float:
-    """Return how many times as much of a processor as there work takes here."""
-    return fastest(lambda: np.fft.rfft(_NOISE), 40, time.process_time) / _USUAL
+    """Return how many times as much of a processor as there work takes here, at least 1.
+
+    Where transforms are faster than usual, linear algebra and loops need not be.
+    """
+    return max(fastest(lambda: np.fft.rfft(_NOISE), 40, time.process_time) / _USUAL, 1.0)
 
 
 def seconds_foretold(stages: Iterable[str]) -> float:
