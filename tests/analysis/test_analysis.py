@@ -78,7 +78,7 @@ def test_a_support_raises_no_rigid_modes_and_lowers_the_first(bar: struck.ModalM
 def test_a_band_may_be_an_array_but_not_empty(bar: struck.ModalModel) -> None:
     same = struck.analyze(BAR, "steel", band=np.array(BAND))
     assert np.array_equal(same.frequencies, bar.frequencies)
-    with pytest.raises(struck.errors.OptionError, match=r"band is \(\): give two frequencies"):
+    with pytest.raises(struck.errors.OptionError, match=r"band is .*\[\].*: give two"):
         struck.analyze(BAR, "steel", band=np.zeros(0))
 
 

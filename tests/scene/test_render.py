@@ -267,7 +267,7 @@ def test_a_sound_is_calibrated_where_its_model_is() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"seconds": 0.0}, r"seconds is 0:"),
+        ({"seconds": 0.0}, r"seconds is 0\.0"),
         ({"seconds": np.nan}, "seconds is nan"),
         ({"seconds": 1e9}, "at most 3600"),
         ({"sample_rate": 0}, "sample_rate is 0"),

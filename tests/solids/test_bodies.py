@@ -347,7 +347,7 @@ def test_finer_is_finer(name: str) -> None:
 TUBE = {"length": 0.5, "radius": 0.01, "wall": 0.001}
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 INVALID = [
-    (Tube, TUBE | {"length": 0}, r"length of the tube is 0 m: it must exceed 0"),
+    (Tube, TUBE | {"length": 0}, r"length of the tube is 0.0 m: it must exceed 0"),
     (Tube, TUBE | {"radius": -0.01}, r"radius of the tube is -0.01 m"),
     (Tube, TUBE | {"wall": float("nan")}, r"wall of the tube is nan m"),
     (Tube, TUBE | {"wall": 0.02}, r"wall of the tube is 0.02 m: at most its radius, 0.01 m"),
@@ -355,8 +355,8 @@ INVALID = [
     (Tube, TUBE | {"elements": (8, 0, 1)}, r"along is 0: .* at least 1"),
     (Tube, TUBE | {"elements": (8, 2)}, r"give 3 counts"),
     (Block, {"size": (1, 1)}, r"give its edges along x, y and z"),
-    (Block, {"size": (1, 0, 1)}, r"along y is 0 m"),
-    (Extrusion, {"outline": SQUARE, "height": 0}, r"height of the extrusion is 0 m"),
+    (Block, {"size": (1, 0, 1)}, r"along y is 0.0 m"),
+    (Extrusion, {"outline": SQUARE, "height": 0}, r"height of the extrusion is 0.0 m"),
     (Extrusion, {"outline": SQUARE[:2], "height": 1}, r"2 corners: give at least 3"),
     (Extrusion, {"outline": [(0, 0), (1, 1), (1, 0), (0, 1)], "height": 1}, r"crosses itself near"),
     (Extrusion, {"outline": [*SQUARE, (0, 0)], "height": 1}, r"repeats corner \(0, 0\)"),
@@ -380,7 +380,7 @@ INVALID = [
     ),
     (Revolution, {"profile": [(0, 0)], "wall": 0.01}, r"1 points: give at least 2"),
     (Revolution, {"profile": [(-1, 0), (1, 0)], "wall": 0.01}, r"r = -1.0 m"),
-    (Revolution, {"profile": [(0, 0), (1, 0)], "wall": 0}, r"wall is 0 m"),
+    (Revolution, {"profile": [(0, 0), (1, 0)], "wall": 0}, r"wall is 0.0 m"),
     (Revolution, {"profile": [(0, 0), (1, 0)], "wall": [1, 2, 3]}, r"3 values for 2 points"),
     (Revolution, {"profile": [(1, 0), (1, 0)], "wall": 0.1}, r"repeats the point"),
     (Revolution, {"profile": [(1, 0), (2, 0), (1, 1), (1, 0)], "wall": 0.1}, r"closes on itself"),

@@ -141,8 +141,9 @@ def is_table(course: object) -> TypeGuard[tuple[Sequence[float], ArrayLike]]:
 def _points(name: str, values: object, shape: tuple[int, ...]) -> Array:
     try:
         points = np.array(numbers(name, values))  # a copy: the caller may change its own
-    except OptionError:  # the message below says what is needed
-        points = np.zeros(0)
+    except OptionError as error:
+        text = short_text(values)
+        raise OptionError(f"{name} is {text}: give (x, y, z), or (times, points)") from error
     # If the sum is finite, so are all points; it takes less time than the test of all.
     if points.shape != shape or not (math.isfinite(points.sum()) or np.isfinite(points).all()):
         raise OptionError(

@@ -157,7 +157,7 @@ def require_number(
         number = value = math.inf
     is_within = least < number if above else least <= number
     if not is_within or number == math.inf or (whole and number % 1):
-        raise error(f"{name} is {str(value).removesuffix('.0')}{unit}: {hint}")
+        raise error(f"{name} is {value}{unit}: {hint}")
     if number > most:
         raise error(f"{name} is {rounded(number)}{unit}: it must be at most {rounded(most)}")
 
@@ -558,18 +558,16 @@ def _list_of(inner: _Kind) -> _Kind:
         converted = [inner.convert(item) for item in items]
         if any(type(item) is _Unfit for item in converted):
             return _UNFIT
-        is_same = isinstance(value, Sequence | np.ndarray) and all(
-            map(operator.is_, items, converted)
-        )
+        is_same = type(value) in {list, tuple} and all(map(operator.is_, items, converted))
         return value if is_same else converted
 
     return _Kind(convert, "a list" if inner is _ANY else f"a list of {inner.description}")
 
 
-def _to_band(value: Any) -> Any:  # noqa: ANN401 - any object
-    """Convert the numbers of two that may be notes; others are refused where notes are read."""
+def _to_items(value: Any, name: str) -> Any:  # noqa: ANN401 - any object
+    """Convert the items of a list that are of a named kind; others are refused by their reader."""
     items = _items(value)
-    return value if items is None else tuple(_if_fitting(_KINDS["float"], item) for item in items)
+    return [_if_fitting(_KINDS[name], item) for item in items] if items else value
 
 
 def _is_list_type(kind: type[Any]) -> bool:
@@ -654,7 +652,7 @@ _KINDS = {
     "Callable": _instance(callable, "a function"),
     "Progress": _instance(callable, "a function of a stage and the fraction done"),
     "Mapping": _instance(lambda value: isinstance(value, Mapping), "a mapping"),
-    "Band": _Kind(_to_band, "two frequencies"),
+    "Band": _Kind(functools.partial(_to_items, name="float"), "two frequencies"),
     "Place": _PLACE,
     "Waypoints": _list_of(_PLACE),
     **dict.fromkeys(["Pairs", "Thickness"], _NUMBERS),
