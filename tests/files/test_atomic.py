@@ -254,3 +254,36 @@ def test_one_file_is_not_written_twice(tmp_path: Path, monkeypatch: pytest.Monke
 def test_what_is_no_file_at_all_is_unlike_any(tmp_path: Path) -> None:
     unlike = ["tube:length=0.5", "n" * 300, "\0"]
     assert atomic.writable(tmp_path / "a.struck", unlike=unlike) == tmp_path / "a.struck"
+
+
+def test_what_a_failing_disk_leaves_goes_with_the_next_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also in the same process; but no file that another thread is writing."""
+
+    def fail(*_: object, **__: object) -> None:
+        raise OSError
+
+    with monkeypatch.context() as failing:
+        failing.setattr(atomic.os, "fsync", fail)
+        failing.setattr(Path, "unlink", fail)
+        with pytest.raises(FileFormatError):
+            atomic.write_bytes(tmp_path / "a.bin", b"new")
+    (left,) = tmp_path.iterdir()
+    monkeypatch.setattr(atomic, "_names_in_use", {left.name})
+    assert atomic.sweep(tmp_path) == 0
+    monkeypatch.setattr(atomic, "_names_in_use", set())
+    atomic.write_bytes(tmp_path / "a.bin", b"new")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.bin"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="modes of POSIX")
+def test_private_file_is_of_its_owner_alone(tmp_path: Path) -> None:
+    atomic.write_bytes(tmp_path / "a.bin", b"new", private=True)
+    assert stat.S_IMODE((tmp_path / "a.bin").stat().st_mode) == 0o600
+
+
+def test_what_cannot_be_removed_is_reported(tmp_path: Path) -> None:
+    atomic.remove(tmp_path / "none")
+    with pytest.raises(FileFormatError, match="cannot be removed"):
+        atomic.remove(tmp_path)

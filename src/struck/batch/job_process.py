@@ -38,7 +38,7 @@ from struck.errors import (
     counted,
 )
 from struck.files import guard, meshes, model_file
-from struck.files.atomic import make_folder, read_bytes, write_bytes
+from struck.files.atomic import make_folder, read_bytes, remove, write_bytes
 from struck.model.model import ModalModel
 from struck.model.provenance import ForecastStage
 from struck.radiation import by_name
@@ -230,7 +230,7 @@ def _write(job: BodyJob, folder: Path, facts: Facts, model: ModalModel) -> Facts
     sizes = {name: (folder / name).stat().st_size for name in sounds}
     facts |= {"files": {**sizes, f"{job.output}{MODEL}": len(data)}, "labels": labels, **_cost()}
     for name in {*old_names} - {*facts["files"]}:  # made with other options
-        (folder / name).unlink(missing_ok=True)
+        remove(folder / name)
     return _keep(job, folder, facts)
 
 

@@ -16,6 +16,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
+from struck.files.atomic import write_bytes
+
 try:
     import fcntl
 except ImportError:  # Windows
@@ -42,11 +44,9 @@ class PrivateFolder:
         self._lock = _lock_folder(self.path)
 
     def write_private(self, name: str, text: str) -> Path:
-        """Write a file of mode 0600 in place of any of that name, and return its path."""
+        """Write a file of mode 0600, and return its path; FileFormatError if that fails."""
         path = self.path / name
-        path.unlink(missing_ok=True)
-        with open(path, "x", encoding="utf-8", opener=_open_private) as file:
-            file.write(text)
+        write_bytes(path, text.encode(), private=True)
         return path
 
     def remove(self) -> None:

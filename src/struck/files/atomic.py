@@ -30,6 +30,7 @@ _MAX_SIZE = 2**31  # bytes of a file that is read
 _PIPE = "a pipe or a device, not an ordinary file"
 _ACCESS_LIST = "system.posix_acl_access"  # name of the attribute, Linux
 _AT_ONCE = getattr(os, "O_NONBLOCK", 0)
+_names_in_use: set[str] = set()  # of the hidden files that threads of this process write
 
 
 def open_ordinary(path: str | os.PathLike[str]) -> IO[bytes]:
@@ -105,12 +106,15 @@ def real(path: str | os.PathLike[str]) -> Path:
         return Path(path)
 
 
-def write_bytes(path: str | os.PathLike[str], *blocks: bytes) -> None:
-    """Write a file whole: readers see the old content or the new, never a part."""
+def write_bytes(path: str | os.PathLike[str], *blocks: bytes, private: bool = False) -> None:
+    """Write a file whole: readers see the old content or the new, never a part.
+
+    A new file that is private may be read and written by its owner alone.
+    """
     # The data goes to a hidden file in the same folder, is flushed to the disk and then renamed;
-    # files left by a killed process are removed with the next one written there. Symbolic links
-    # are followed. A file that is replaced passes on who may read and write it; as with every
-    # rename, the permissions of the folder decide whether it may be replaced.
+    # files that a killed process or a failing disk left are removed with the next one written
+    # there. Symbolic links are followed. A file that is replaced passes on who may read and write
+    # it; as with every rename, the permissions of the folder decide whether it may be replaced.
     require_file_name(path)
     target = real(path)
     if is_folder(target):
@@ -123,7 +127,7 @@ def write_bytes(path: str | os.PathLike[str], *blocks: bytes) -> None:
         )
     try:
         sweep(target.parent)
-        _replace(target, blocks)
+        _replace(target, blocks, private=private)
     except PermissionError as error:
         raise FileFormatError(
             f"{path} cannot be written: {target.parent} allows no new files here; "
@@ -213,8 +217,19 @@ def make_folder(folder: str | os.PathLike[str], *, parents: bool = False) -> Pat
     return path
 
 
+def remove(path: str | os.PathLike[str]) -> None:
+    """Remove a file unless it is missing; FileFormatError if that fails."""
+    try:
+        Path(path).unlink(missing_ok=True)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise FileFormatError(
+            f"{path} cannot be removed ({reason}): remove it by hand, or give another folder"
+        ) from error
+
+
 def sweep(folder: Path) -> int:
-    """Remove and count the hidden files of processes that were killed while writing."""
+    """Remove and count the hidden files whose writing was killed, or left on a failing disk."""
     # A process of our own computer and namespace is known to be gone; files of others are left
     # until the folder has changed a day after it last did, by the clock of who keeps the folder.
     removed_count, host = 0, _host()
@@ -223,7 +238,7 @@ def sweep(folder: Path) -> int:
         for part in filter(None, map(_PART.fullmatch, os.listdir(folder))):  # noqa: PTH208 - fast
             path = folder / part[0]
             with suppress(OSError):
-                if (part[1] == host and _is_gone(int(part[2]))) or (
+                if (part[1] == host and _is_left(part[0], int(part[2]))) or (
                     changed - path.stat().st_mtime > _DAY
                 ):
                     path.unlink()
@@ -231,21 +246,25 @@ def sweep(folder: Path) -> int:
     return removed_count
 
 
-def _replace(target: Path, blocks: Iterable[bytes]) -> None:
-    temporary = target.with_name(f".struck-{_host()}-{os.getpid()}-{secrets.token_hex(8)}.part")
+def _replace(target: Path, blocks: Iterable[bytes], *, private: bool) -> None:
+    name = f".struck-{_host()}-{os.getpid()}-{secrets.token_hex(8)}.part"
+    temporary = target.with_name(name)
+    _names_in_use.add(name)
     try:
-        _write_through(temporary, blocks, target)
+        _write_through(temporary, blocks, target, private=private)
         temporary.replace(target)
         _sync_folder(target.parent)
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # the next file written there removes it
+            temporary.unlink(missing_ok=True)
+        _names_in_use.discard(name)
 
 
-def _write_through(path: Path, blocks: Iterable[bytes], target: Path) -> None:
+def _write_through(path: Path, blocks: Iterable[bytes], target: Path, *, private: bool) -> None:
     """Write a new file to the disk, with the permissions of the target that it will replace."""
     old_status = target.stat() if is_file(target) else None
     # What is to replace a private file is private from its first byte on.
-    default_mode = 0o666 if old_status is None else 0o600
+    default_mode = 0o666 if old_status is None and not private else 0o600
     with open(path, "xb", opener=lambda name, flags: os.open(name, flags, default_mode)) as file:
         file.writelines(blocks)
         if old_status is not None and hasattr(os, "fchown"):  # Windows has other permissions
@@ -310,6 +329,11 @@ def _host() -> str:
 def _kept_text(path: Path) -> str:
     """Return the text of a file that does not change while the computer runs."""
     return path.read_text(encoding="ascii")
+
+
+def _is_left(name: str, process: int) -> bool:
+    """Return whether a hidden file of a process of this computer is no longer being written."""
+    return name not in _names_in_use if process == os.getpid() else _is_gone(process)
 
 
 def _is_gone(process: int) -> bool:
