@@ -64,7 +64,7 @@ def _make_field(text: Text, tensors: Tensors, _: Mesh | None) -> TimbreField:
 
 
 def _contact_part(text: Text, tensors: Tensors) -> ContactPart:
-    lengths, contacts = text["lengths"], tensors["field_contacts"]
+    lengths, contacts = text["lengths"], near(tensors["field_contacts"], "tensor 'field_contacts'")
     if lengths != list(LENGTHS):
         raise FileFormatError(
             f"its drives are likenesses over {lengths}, not {list(LENGTHS)}: update "

@@ -70,7 +70,12 @@ HEADINGS = ("Hz", "note", "T60 (s)", "Q", "error (%)")
 
 
 def note(frequency: float) -> str:
-    """Return the nearest equal-tempered note (A4 = 440 Hz) and the distance from it in cents."""
+    """Return the nearest equal-tempered note (A4 = 440 Hz) and the distance from it in cents.
+
+    A mode that damping keeps from ringing, at 0 Hz, has none: "-".
+    """
+    if not frequency:
+        return "-"
     semitones = 69 + 12 * math.log2(frequency / 440)
     nearest = round(semitones)
     return f"{NAMES[nearest % 12]}{nearest // 12 - 1} {round(100 * (semitones - nearest)):+d}"

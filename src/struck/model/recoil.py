@@ -18,6 +18,7 @@ from struck.model.arrays import Array, Complex, require_numbers
 _SQUARE = 1e-6  # how far the axes may be from orthonormal
 DAMPINGS = (0.4, 0.99)  # the least and the greatest damping ratio
 _FASTEST = 3.0  # corner over sample rate, rad: faster poles lie there, and zeros compensate them
+_LOWEST_CORNER = 1e-9  # Hz: of a body wider than any; squares of its ratio to others are finite
 _MATCHED = np.pi / 2  # rad a sample, where the sampled response is right
 _OVER = np.log(1e7)  # it lasts till it has fallen by 140 dB
 
@@ -64,10 +65,11 @@ class Recoil:
             raise OptionError(f"recoil's axes are {self.axes.tolist()}: give orthonormal rows")
         least, most = DAMPINGS
         is_damped = least <= self.dampings.min() and self.dampings.max() <= most
-        if not (is_damped and self.corners.min() > 0):
+        if not (is_damped and self.corners.min() >= _LOWEST_CORNER):
             raise OptionError(
                 f"recoil has corners {self.corners.tolist()} Hz and dampings "
-                f"{self.dampings.tolist()}: give corners above 0 and dampings from "
+                f"{self.dampings.tolist()}: give corners from {rounded(_LOWEST_CORNER)} Hz on and "
+                f"dampings from "
                 f"{rounded(least)} to {rounded(most)}"
             )
 

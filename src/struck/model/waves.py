@@ -50,6 +50,7 @@ def near_field(order: int) -> Complex:
 NOISES = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
 _BESIDE = 1e-2  # rad: nearer azimuths count as one
 _FREE = 100.0  # for the monopole: a single listener's output must not shrink
+_LEAST_PHASE = 1e-9  # rad: wave number times the reference distance
 _EXPLAINED = 0.75  # share of the energy that waves must explain for their phases to be believed
 
 
@@ -69,7 +70,9 @@ class DistanceLaw:
     @classmethod
     def waves(cls, reference: float, wave_numbers: Array, order: int = ORDER) -> DistanceLaw:
         """Solve the wave equation; of absolute value 1 at the reference distance, m."""
-        inverse = (1 / wave_numbers) ** np.arange(order + 1)[:, None, None]
+        # Longer waves go with the distance as these, within rounding.
+        finite_numbers = np.maximum(wave_numbers, _LEAST_PHASE / reference)
+        inverse = (1 / finite_numbers) ** np.arange(order + 1)[:, None, None]
         coefficients = near_field(order)[:, degrees(order)[0], None] * inverse
         size = np.abs(np.einsum("kbm,k->bm", coefficients, reference ** -_powers(order + 1)))
         return cls(coefficients=coefficients / size)
