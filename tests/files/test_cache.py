@@ -375,7 +375,7 @@ def part(folder: Path, host: str, process: int) -> Path:
 
 
 def test_parts_of_the_living_and_of_other_computers_stay_for_a_day(tmp_path: Path) -> None:
-    ours = part(tmp_path, atomic._host(), os.getpid())
+    ours = part(tmp_path, atomic._host(), os.getppid())
     with subprocess.Popen([sys.executable, "-c", ""]) as ended:
         ended.wait()
     theirs = part(tmp_path, "0" * 8, ended.pid)  # no process here, and perhaps one there
