@@ -18,6 +18,7 @@ from types import SimpleNamespace
 from typing import Any
 from unittest.mock import patch
 
+import h5py
 import numpy as np
 import soundfile
 from matplotlib.figure import Figure
@@ -68,6 +69,14 @@ def masked(data: bytes) -> object:
 def samples(data: bytes) -> object:
     """Return the samples of a sound whose file holds a time or a random number."""
     return soundfile.read(io.BytesIO(data))[0].tobytes()
+
+
+def fields(data: bytes) -> object:
+    """Return what a SOFA file holds, which has times of its own in binary form, too."""
+    with h5py.File(io.BytesIO(data), "r") as file:
+        texts = {name: str(value) for name, value in file.attrs.items() if "Date" not in name}
+        values = {name: file[name][()].tobytes() for name in file}
+    return texts, values
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -373,8 +382,8 @@ WRITERS: dict[str, Writer] = {
     },
     **{f"log.{e}": Writer(write=partial(log_as, f"a.{e}")) for e in ("csv", "jsonl", "npz")},
     **{f"model.{e}": Writer(write=partial(model_as, f"a.{e}")) for e in ("struck", "vtu")},
-    "model.sofa": Writer(write=gains),
-    "responses.sofa": Writer(write=responses),
+    "model.sofa": Writer(write=gains, content=fields),
+    "responses.sofa": Writer(write=responses, content=fields),
     "sound set": Writer(write=sounds),
     "animation": Writer(
         write=lambda folder, version: scene.save_animation(
