@@ -11,13 +11,13 @@ import pytest
 import trimesh
 
 import struck
+from struck.core import machine
 from struck.errors import OptionError, ScaleWarning, SolverError
 from struck.files.meshes import mesh_of
 from struck.model.material import Material
 from struck.model.mesh import Mesh
 from struck.shapes import CircularPlate, RectangularPlate
 from struck.solids import Block, Tube
-from struck.solids.fem import factorisation
 from struck.solids.resolution import MOST_MODES, Forecast, coarser
 from struck.solids.revolution import bell, bowl, wine_glass
 from tests.yardstick import seconds_foretold
@@ -203,7 +203,7 @@ def test_where_no_band_takes_little_another_way_is_told() -> None:
 def test_advice_on_memory_names_only_coarser_settings(
     accuracy: str, below: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(factorisation, "available", lambda: 2**20)
+    monkeypatch.setattr(machine, "available", lambda: 2**20)
     block = Block(size=(0.05, 0.04, 0.03))
     with pytest.raises(SolverError, match=r"GiB are free: use") as refused:
         struck.analyze(block, "steel", accuracy=accuracy, cache=False, progress=None)

@@ -8,9 +8,9 @@ import os
 import queue
 import re
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
@@ -41,7 +41,7 @@ from tests.recordings.hits import LEAD_IN, RATE, SECONDS, hit, write
 
 gallery = import_module("struck.report.gallery")  # not the function of that name
 MATERIALS = ("oak", "steel")  # of the old and the new version
-_DATE = re.compile(rb"\d{4}-\d\d-\d\d[ T]\d\d:\d\d:\d\d|D:\d{14}")
+_DATE = re.compile(rb"\d{4}-\d\d-\d\d[ T]\d\d:\d\d:\d\d(?:\.\d+)?|D:\d{14}")
 _NUMBER = re.compile(rb"[0-9a-f]{32}|[a-z][0-9a-f]{10}")  # of a run; of a part of a picture
 SETTINGS = (  # what would make two runs differ, or takes long and is not written
     (os, "fsync", lambda _: None),
@@ -85,7 +85,16 @@ class Writer:
 
     write: Callable[[Path, int], object]
     content: Callable[[bytes], object] = masked  # what two files of one version have in common
+    # Files that tell of a failure too, and whether one is whole.
+    reports: Mapping[str, Callable[[bytes], bool]] = field(default_factory=dict)
     quiet: bool = False  # whether it goes on without the file where it cannot be written
+
+
+REPORTS: Mapping[str, Callable[[bytes], bool]] = {
+    "out/report.csv": lambda data: data.endswith(b"\n"),
+    "out/report.json": lambda data: bool(json.loads(data)),
+    "out/report.html": bool,  # a stand-in
+}
 
 
 @cache
@@ -403,9 +412,9 @@ WRITERS: dict[str, Writer] = {
     "stems": Writer(write=separate_sounds),
     "simulation": Writer(write=simulated),
     "takes": Writer(write=takes),
-    "batch": Writer(write=partial(many, "", "labels.csv")),
-    "batch with WAV files": Writer(write=partial(many, "wav", "labels.csv")),
-    "batch with NPZ files": Writer(write=partial(many, "npz", "labels.parquet")),
+    "batch": Writer(write=partial(many, "", "labels.csv"), reports=REPORTS),
+    "batch with WAV files": Writer(write=partial(many, "wav", "labels.csv"), reports=REPORTS),
+    "batch with NPZ files": Writer(write=partial(many, "npz", "labels.parquet"), reports=REPORTS),
     "cluster": Writer(write=from_a_cluster),
     "cache": Writer(write=cached, quiet=True),
     "redirect": Writer(write=redirect),

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from struck.analysis.cached_steps import Stage, Stages, holding
 from struck.analysis.discretisation import Discretisation, Elements, FileOptions, discretise
 from struck.analysis.source_options import Source, is_shape, require_applicable
+from struck.core import machine
 from struck.core.machine import in_few_threads
 from struck.errors import (
     NoModeError,
@@ -402,7 +403,8 @@ class _Work:
         if warning:
             warnings.warn(warning, ScaleWarning, stacklevel=6)
         self.stages.progress(ForecastStage.of(cost, cost.memory), 0.0)
-        factorisation.require(int(cost.memory / CERTAIN), self.solver.coarser)
+        free = machine.available()
+        factorisation.require(int(cost.memory / CERTAIN), free, self.solver.coarser)
 
     def resolved(self, source: Discretisation) -> tuple[Elements, Modes]:
         """Return elements and their modes, with errors estimated by a coarser resolution too."""

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TextIO
 
 import struck
+from struck.cli import memory_limit
 from struck.errors import (
     CacheWarning,
     LossWarning,
@@ -62,13 +63,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if getattr(sys, name) is None:  # closed by who started us
             setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115 - open until the process ends
     try:
-        options = _parsed(words)
+        if refusal := memory_limit.prepare():
+            return _refuse(MemoryError(refusal), words)
+        return _run(words)
+    except Exception as error:
+        if not memory_limit.is_shortage(error):
+            raise
+        return _refuse(MemoryError(memory_limit.explain(error)), words)
+
+
+def _run(arguments: Sequence[str]) -> int:
+    """Run one command and return its exit code."""
+    try:
+        options = _parsed(arguments)
     except SystemExit:
         if _print(""):  # help, which waits to be written
             return UNWRITTEN
         raise
     except OptionError as error:
-        return _refuse(error, words)
+        return _refuse(error, arguments)
     if isinstance(options, str):
         return _print(options)
     progress = TerminalProgress(quiet=options.quiet)
@@ -78,7 +91,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except StruckError as error:
         progress.close()  # before the message
         message = str(error) if _raised_by_shell(error) else options.in_shell_words(str(error))
-        return _refuse(type(error)(message), words)
+        return _refuse(type(error)(message), arguments)
     finally:
         progress.close()
     plain = options.in_shell_words("\n".join(map(printable, result.lines)))
@@ -107,7 +120,7 @@ def _print(text: str) -> int:
     return 0
 
 
-def _refuse(error: StruckError, words: Sequence[str]) -> int:
+def _refuse(error: StruckError | MemoryError, words: Sequence[str]) -> int:
     """Print an error in one line on standard error and, with --json, as JSON on standard output."""
     complain(str(error))
     if "--json" in words:

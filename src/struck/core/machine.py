@@ -11,6 +11,7 @@ from typing import ParamSpec, TypeVar
 from threadpoolctl import threadpool_limits
 
 from struck.errors import OptionError
+from struck.processes.address_space import free_address_space
 
 GIB = 2**30
 THREADS = "STRUCK_THREADS"  # variable of the environment
@@ -21,11 +22,12 @@ _Result = TypeVar("_Result")
 def thread_count() -> int:
     """Return the threads of a factorisation: STRUCK_THREADS, else the cores we own, at most 4.
 
-    Without STRUCK_THREADS, OMP_NUM_THREADS counts if it is set.
+    Without STRUCK_THREADS, OMP_NUM_THREADS counts if it is set. Where the address space is limited
+    there is one, as each takes some 100 MB of it.
     """
     setting = os.environ.get("OMP_NUM_THREADS", "")
     count = int(setting) if setting.isdigit() and int(setting) > 0 else min(cores(), 4)
-    return threads_told() or count
+    return threads_told() or (count if free_address_space() is None else 1)
 
 
 def threads_told() -> int | None:
@@ -57,8 +59,11 @@ def cores() -> int:
 
 
 def available(root: Path = Path("/")) -> int | None:
-    """Return the bytes free for this process (Linux: machine and control groups), or None."""
-    limits = [_free_on_machine(root), *_free_in_groups(root)]
+    """Return the bytes free for this process, or None where they are unknown.
+
+    On Linux: of the machine, of control groups, and of the address space.
+    """
+    limits = [_free_on_machine(root), free_address_space(root), *_free_in_groups(root)]
     return min((limit for limit in limits if limit is not None), default=None)
 
 

@@ -128,9 +128,9 @@ def _require_memory(counts: Array) -> float:
     needed_bytes, free = float(_BYTES * np.square(counts).max(initial=0)), available()
     if free is not None and needed_bytes > free:
         raise SolverError(
-            f"the timbre field needs about {needed_bytes / GIB:.1f} GiB of memory, but "
-            f"{free / GIB:.1f} GiB are free: give a band= that ends lower or a thicker body, "
-            "or keep the estimate of radiation='power'"
+            f"the timbre field needs about {rounded(needed_bytes / GIB, 3)} GiB of memory, but "
+            f"{rounded(free / GIB, 3)} GiB are free: give a band= that ends lower or a thicker "
+            "body, or keep the estimate of radiation='power'"
         )
     return needed_bytes
 

@@ -7,11 +7,13 @@ import sys
 from pathlib import Path
 
 import pytest
+from scipy import sparse
 
+from struck.core import machine
+from struck.core.machine import available
 from struck.errors import SolverError
 from struck.solids import Block
 from struck.solids.fem import factorisation
-from struck.solids.fem.factorisation import available
 from struck.solids.fem.spectrum import Solver
 from struck.solids.fem.vibration import vibration_modes
 from tests.physics.bodies import UNIT
@@ -89,7 +91,7 @@ def test_hundreds_of_modes_of_a_table_top_in_bounded_memory() -> None:
 
 def test_what_does_not_fit_is_refused_before_it_begins(monkeypatch: pytest.MonkeyPatch) -> None:
     stages: list[str] = []
-    monkeypatch.setattr(factorisation, "available", lambda: 2**20)
+    monkeypatch.setattr(machine, "available", lambda: 2**20)
     block = Block(size=(1, 1, 1), elements=(4, 4, 4)).volume_mesh()
     with pytest.raises(SolverError, match=r"needs about .* GiB .* are free: use a simpler mesh"):
         vibration_modes(
@@ -103,7 +105,7 @@ def test_what_does_not_fit_is_refused_before_it_begins(monkeypatch: pytest.Monke
 
 
 def test_nothing_is_refused_where_nothing_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(factorisation, "available", lambda: None)
+    monkeypatch.setattr(machine, "available", lambda: None)
     block = Block(size=(1, 1, 1), elements=(4, 4, 4)).volume_mesh()
     modes = vibration_modes(block, UNIT, 1.0, solver=Solver(dense_limit=0))
     assert str(modes.provenance.details["memory_forecast"]).endswith(" GiB")
@@ -134,9 +136,23 @@ OLD_GROUP = {
 }
 
 
+LIMITED = {
+    "proc/self/limits": "Max data size  unlimited  unlimited  bytes\n"
+    "Max address space         450000               500000               bytes\n",
+    "proc/self/status": "VmPeak:      900 kB\nVmSize:      400 kB\n",
+}
+UNLIMITED = {
+    **LIMITED,
+    "proc/self/limits": "Max address space         unlimited       unlimited       bytes\n",
+}
+
+
 @pytest.mark.parametrize(
     ("files", "free"),
     [
+        (MACHINE | LIMITED, 40_400),
+        (MACHINE | UNLIMITED, 614_400),
+        (LIMITED | {"proc/self/status": "VmSize: 500 kB\n"}, 0),
         ({}, None),
         (MACHINE, 614_400),
         (MACHINE | GROUP, 150_000),
@@ -155,3 +171,44 @@ def test_this_machine_has_something_free() -> None:
     free = available()
     assert free is not None
     assert free > 2**20
+
+
+@pytest.mark.parametrize(
+    ("free", "backend"), [(None, "rslab"), (2**40, "rslab"), (2**31, "superlu")]
+)
+def test_little_address_space_is_for_superlu(
+    free: int | None, backend: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rslab reserves more than it uses, and ends the process where it gets less."""
+    pytest.importorskip("rslab")
+    monkeypatch.setattr(factorisation, "free_address_space", lambda: free)
+    used = []
+    monkeypatch.setattr(factorisation, "_factorise_by_superlu", lambda _: used.append("superlu"))
+    monkeypatch.setattr(
+        factorisation.Factoriser, "_factorise_by_rslab", lambda *_: used.append("rslab")
+    )
+    factorisation.Factoriser()(sparse.eye(9, format="csc"))
+    assert used == [backend]
+
+
+@pytest.mark.parametrize(("free", "factor"), [(None, 1), (2**30, 3)])
+def test_superlu_is_forecast_to_copy_in_little_address_space(
+    free: int | None, factor: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    matrix = sparse.eye(1000, format="csc")
+    monkeypatch.setattr(factorisation, "free_address_space", lambda: free)
+    peak, remaining = factorisation.Factoriser("superlu").memory(matrix)
+    assert peak == pytest.approx(factor * 12 * 1000 * 10, rel=1e-4)
+    assert remaining == pytest.approx(12 * 1000 * 10 / 2, rel=1e-4)
+
+
+@pytest.mark.parametrize(("free", "count"), [(None, 3), (2**30, 1)])
+def test_one_thread_in_a_limited_address_space(
+    free: int | None, count: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    monkeypatch.delenv(machine.THREADS, raising=False)
+    monkeypatch.setattr(machine, "free_address_space", lambda: free)
+    assert machine.thread_count() == count
+    monkeypatch.setenv(machine.THREADS, "2")
+    assert machine.thread_count() == 2

@@ -18,9 +18,10 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from scipy import sparse
 
-from struck.core.machine import GIB, available, thread_count
-from struck.errors import SolverError, require_choice
+from struck.core.machine import GIB, thread_count
+from struck.errors import SolverError, require_choice, rounded
 from struck.model.arrays import Array
+from struck.processes.address_space import free_address_space
 
 if TYPE_CHECKING:
     from rslab import LdltSymbolic
@@ -48,17 +49,16 @@ def forecast(
     return max(_ENTRY * entries + factor, iterating) + 8 * shown_numbers
 
 
-def require(needed_bytes: int, coarser: str = "") -> None:
+def require(needed_bytes: int, free: int | None, coarser: str = "") -> None:
     """Raise SolverError when more bytes are needed than are known to be free.
 
     The message offers the `coarser` settings, if there are any.
     """
-    free = available()
     if free is not None and needed_bytes > free:
         raise SolverError(
-            f"finding the modes needs about {needed_bytes / GIB:.1f} GiB of memory, but "
-            f"{free / GIB:.1f} GiB are free: use {coarser}{', ' if coarser else ''}a simpler mesh, "
-            "a thicker wall, a narrower band=, or a machine with more memory"
+            f"finding the modes needs about {rounded(needed_bytes / GIB, 3)} GiB of memory, but "
+            f"{rounded(free / GIB, 3)} GiB are free: use {coarser}{', ' if coarser else ''}a "
+            "simpler mesh, a thicker wall, a narrower band=, or a machine with more memory"
         )
 
 
@@ -75,25 +75,32 @@ class Factoriser:
 
     def __init__(self, backend: str = "auto") -> None:
         require_choice("backend", backend, _BACKENDS)
-        self._backend = _find_backend() if backend == "auto" else backend
+        self._backend = backend
         self._analysis: LdltSymbolic | None = None
 
     def __call__(self, lower: sparse.csc_matrix) -> Factor:
         """Factorise a matrix given by its lower triangle; SolverError when it is singular."""
         return (
             _factorise_by_superlu(lower)
-            if self._backend == "superlu"
+            if self._choose(lower) == "superlu"
             else self._factorise_by_rslab(lower)
         )
 
     def memory(self, lower: sparse.csc_matrix) -> tuple[int, int]:
         """Return the bytes that a factorisation will take: at its peak, and afterwards."""
         # rslab knows; for SuperLU, fill grows as the diameter of bodies, solid or hollow.
-        if self._backend == "superlu":
+        if self._choose(lower) == "superlu":
             peak = int(_SUPERLU_BYTES * lower.nnz * lower.shape[0] ** (1 / 3))
-            return peak, peak // 2
+            is_limited = free_address_space() is not None
+            return peak * (_SUPERLU_GROWTH if is_limited else 1), peak // 2
         plan = self._analyse(lower).memory_plan(threads=thread_count(), nrhs=_RIGHT_HAND_SIDES)
         return int(plan["peak_bytes"]), int(plan["resident_bytes"] + plan["solve_bytes"])
+
+    def _choose(self, lower: sparse.csc_matrix) -> str:
+        """Return the backend for matrices of this size; the first choice stays."""
+        if self._backend == "auto":
+            self._backend = _find_backend(lower.shape[0])
+        return self._backend
 
     def _factorise_by_rslab(self, lower: sparse.csc_matrix) -> Factor:
         # Bunch-Kaufman pivots, supernodal.
@@ -141,9 +148,23 @@ def _factorise_by_superlu(lower: sparse.csc_matrix) -> Factor:
 _BACKENDS = ("auto", "rslab", "superlu")
 _RIGHT_HAND_SIDES = 8
 _SUPERLU_BYTES = 12
+# In a limited address space SuperLU copies an array that grows before it frees the old one. If
+# memory is short there, it prints an error and fails.
+_SUPERLU_GROWTH = 3
+# Address space of rslab 1.7, measured: its allocator reserves 1 GiB and more; the analysis takes
+# 32 KiB per unknown, rounded up to a power of two, and keeps it for a coarser and a finer mesh.
+_RSLAB_BYTES = 2**31
+_RSLAB_BYTES_PER_UNKNOWN = 2**17
 
 
-def _find_backend() -> str:
+def _find_backend(unknowns: int) -> str:
+    """Return rslab where it is installed, and where it gets the address space that it reserves.
+
+    It ends the process where it gets none; SuperLU raises a MemoryError.
+    """
+    room = free_address_space()
+    if room is not None and room < _RSLAB_BYTES + _RSLAB_BYTES_PER_UNKNOWN * unknowns:
+        return "superlu"
     try:
         importlib.import_module("rslab")
     except ImportError:

@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
+from struck.core import machine
 from struck.errors import MeshError, NoModeError, SolverError, rounded
 from struck.model.arrays import Array
 from struck.model.provenance import Progress, silent
@@ -344,6 +345,11 @@ class Search:
     def _plan(self) -> tuple[int, int]:
         return self._factorise.memory(self.system.shifted(self.bound))
 
+    @cached_property
+    def _free(self) -> int | None:
+        """Bytes that were free before the first factorisation, which a forecast contains."""
+        return machine.available()
+
     def _require_memory(self, modes: int) -> None:
         """Refuse a solve that exceeds the memory: its factorisation or its iteration."""
         if self.small:
@@ -357,7 +363,7 @@ class Search:
             modes=modes,
             shown_numbers=self._shown * self.counted,
         )
-        factorisation.require(self.forecast, self.solver.coarser)
+        factorisation.require(self.forecast, self._free, self.solver.coarser)
 
 
 def _dense_matrices(system: System) -> tuple[Array, Array]:
