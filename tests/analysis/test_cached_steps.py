@@ -277,7 +277,7 @@ def test_what_failed_is_not_kept(cache: Cache, error: BaseException) -> None:
 def test_an_interruption_while_keeping_leaves_all_or_nothing(
     cache: Cache, monkeypatch: pytest.MonkeyPatch, step: str
 ) -> None:
-    def interrupt(*_: object) -> None:
+    def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(f"struck.files.atomic.{step}", interrupt)

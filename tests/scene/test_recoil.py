@@ -170,7 +170,7 @@ BALL = Recoil(axes=np.eye(3), levels=np.ones(3), corners=np.full(3, 1e3), dampin
         ({"axes": np.ones((3, 3))}, "orthonormal"),
         ({"axes": np.eye(2)}, "shape"),
         ({"levels": np.array([1.0, -1.0, 0.0])}, "least 0|at least"),
-        ({"corners": np.array([1.0, 0.0, 1.0])}, "corners above 0"),
+        ({"corners": np.array([1.0, 0.0, 1.0])}, "corners from 1e-9 Hz on"),
         ({"dampings": np.array([0.7, 0.7, 1.1])}, "dampings from 0.4 to 0.99"),
         ({"levels": np.array([1.0, np.nan, 0.0])}, "finite"),
     ],

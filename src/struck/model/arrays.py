@@ -567,7 +567,10 @@ def _list_of(inner: _Kind) -> _Kind:
 def _to_items(value: Any, name: str) -> Any:  # noqa: ANN401 - any object
     """Convert the items of a list that are of a named kind; others are refused by their reader."""
     items = _items(value)
-    return [_if_fitting(_KINDS[name], item) for item in items] if items else value
+    if not items:
+        return value
+    converted = [_if_fitting(_KINDS[name], item) for item in items]
+    return tuple(converted) if isinstance(value, tuple) else converted
 
 
 def _is_list_type(kind: type[Any]) -> bool:
