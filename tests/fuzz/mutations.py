@@ -677,7 +677,9 @@ def _change_variable(file: h5py.File, name: str, chance: Random) -> None:
         return
     if not isinstance(variable, h5py.Dataset):
         return
-    values = variable[...] if variable.size and variable.size < 10**6 else np.zeros(variable.shape)
+    if variable.size and variable.size >= 10**6:  # by an earlier change
+        return
+    values = variable[...] if variable.size else np.zeros(variable.shape)
     if change < 6:
         if values.size and values.dtype.kind in "fiu":
             flat = values.reshape(-1)

@@ -239,10 +239,10 @@ def load_sofa_responses(path: str | os.PathLike[str]) -> Responses:
             )
         data = file.numbers("Data.IR", (listener_count, 1, shape[2], contact_count))
         rates = np.unique(file.numbers("Data.SamplingRate", (1,), (listener_count,)))
-        if len(rates) != 1 or rates[0] <= 0:
+        if len(rates) != 1 or rates[0] < 1:
             raise FileFormatError(
                 f"its sample rates are {', '.join(map(rounded, rates[:3]))} Hz, "
-                "and one above 0 is read: resample it"
+                "and one of at least 1 Hz is read: resample it"
             )
         shapes = (1, 1, contact_count), (listener_count, 1, contact_count)
         delays = file.numbers("Data.Delay", *shapes)[:, 0] / rates[0]
