@@ -145,7 +145,7 @@ def foretold(**given: Any) -> struck.ModalModel:  # noqa: ANN401 - what an analy
         begun = time.process_time()
         made = struck.analyze(**given, progress=lambda stage, _, to=stages: to.append(stage))
         times.append(time.process_time() - begun)
-        if times[-1] < 2 * seconds_foretold(stages) + 2 * slowness():
+        if times[-1] < 2 * seconds_foretold(stages) + 2 * max(slowness(), 1.0):
             return made
     raise AssertionError(f"{times} s where {seconds_foretold(stages)} s were stated")
 

@@ -34,11 +34,11 @@ _USUAL = 4e-3  # s, of a transform where forecasts of seconds were fitted
 
 
 def slowness() -> float:
-    """Return how many times as much of a processor as there work takes here, at least 1.
+    """Return how many times as much of a processor as there work takes here.
 
-    Where transforms are faster than usual, linear algebra and loops need not be.
+    Where transforms are faster than usual, other work need not be: bounds on it take at least 1.
     """
-    return max(fastest(lambda: np.fft.rfft(_NOISE), 40, time.process_time) / _USUAL, 1.0)
+    return fastest(lambda: np.fft.rfft(_NOISE), 40, time.process_time) / _USUAL
 
 
 def seconds_foretold(stages: Iterable[str]) -> float:

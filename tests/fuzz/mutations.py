@@ -647,7 +647,8 @@ def change_hdf5(data: bytes, chance: Random) -> bytes:
     stream = io.BytesIO(data)
     with h5py.File(stream, "r+") as file:
         for _ in range(chance.choice(FEW)):
-            with contextlib.suppress(RuntimeError):  # of links that lead in a circle
+            # What HDF5 or NumPy refuses, as a link in a circle or text as a number, is no change.
+            with contextlib.suppress(RuntimeError, ValueError, TypeError, OSError, MemoryError):
                 _change_variable(file, chance.choice(sorted(file)), chance)
     return stream.getvalue()
 
