@@ -281,7 +281,7 @@ class Contacts:
         return replace(self, **parts)
 
     def _normals(self, impulses: Array) -> Array:
-        normals = self.normal if len(self.normal) or not len(impulses) else impulses
+        normals = self.normal if np.size(self.normal) or not len(impulses) else impulses
         normals = _column("normal", normals, impulses.shape)
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         # A point without load has no direction; it pushes nothing.
