@@ -104,7 +104,7 @@ def test_a_hand_after_the_end_changes_nothing_and_is_told() -> None:
     alone = render(BLOCK, strike, seconds=0.1)
     both = render(BLOCK, [strike, Hold(at=TOP, time=0.1)], seconds=0.1)
     np.testing.assert_array_equal(both.samples, alone.samples)
-    told = "1 of 2 excitations (hold) begin after the end at 0.1 s and are not heard"
+    told = "1 of 2 excitations (hold) begin after the end at 0.1 s of the sound and are left out"
     assert any(note.startswith(told) for note in both.notes)
 
 

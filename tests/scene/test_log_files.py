@@ -273,7 +273,7 @@ def test_columns_that_are_not_used_are_told_with_the_names_there_are(tmp_path: P
 def test_contacts_after_the_end_are_told(tmp_path: Path) -> None:
     (tmp_path / "hits.csv").write_text(BY_HAND.replace("\n0.", "\n"), encoding="utf-8")
     contacts = load_contacts(tmp_path / "hits.csv")
-    told = "excitations (strike) begin after the end at 0.5 s and are not heard: give more seconds"
+    told = "excitations (strike) begin after the end at 0.5 s of the sound and are left out"
     late = struck.render(SCENE, contacts, listener=EAR, seconds=0.5, sample_rate=16_000)
     assert any(told in note and "or times in s" in note for note in late.notes)
     assert not late.samples.any()

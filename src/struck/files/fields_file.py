@@ -64,7 +64,7 @@ def _make_field(text: Text, tensors: Tensors, _: Mesh | None) -> TimbreField:
 
 
 def _contact_part(text: Text, tensors: Tensors) -> ContactPart:
-    lengths, contacts = text["lengths"], near(tensors["field_contacts"], "tensor 'field_contacts'")
+    lengths, contacts = text["lengths"], tensors["field_contacts"]
     if lengths != list(LENGTHS):
         raise FileFormatError(
             f"its drives are likenesses over {lengths}, not {list(LENGTHS)}: update "
@@ -75,6 +75,11 @@ def _contact_part(text: Text, tensors: Tensors) -> ContactPart:
         raise FileFormatError(
             f"its tensor 'field_contacts' is {contacts.shape}: give contacts with "
             f"{' or '.join(map(str, dimensions))} coordinates"
+        )
+    if contacts.min() < 0 or contacts.max() > 1:
+        raise FileFormatError(
+            f"its tensor 'field_contacts' goes from {rounded(contacts.min())} to "
+            f"{rounded(contacts.max())}: give fractions of the ranges, from 0 to 1"
         )
     spans = numbers(text["spans"], (contacts.shape[1],))
     return ContactPart(

@@ -116,7 +116,7 @@ def _deciding_items(items: list[Any]) -> Iterator[int]:
             yield from (index for index, item in enumerate(items) if type(item) is kind)
 
 
-def _fault_of_choices(value: Any, schemas: list[Schema], place: Place) -> _Fault | None:  # noqa: ANN401
+def _fault_of_choices(value: Any, schemas: list[Schema], place: Place) -> _Fault | None:  # noqa: ANN401 - JSON
     """Return the fault of the schema that was meant, None if a value follows one of several."""
     schemas = [_dereference(schema) for schema in schemas]
     kinds = {
@@ -142,10 +142,11 @@ def _is_of_type(value: object, names: str | list[str]) -> bool:
     """Return whether a value is of a type, or of one of several."""
     if isinstance(names, list):
         return any(_is_of_type(value, name) for name in names)
-    if names not in {"number", "integer"}:
-        return isinstance(value, _TYPES[names])
-    # In Python, True is a whole number.
-    return type(value) in _TYPES[names] and -_LARGEST <= value <= _LARGEST  # type: ignore[operator]
+    if not isinstance(value, _TYPES[names]):
+        return False
+    if names in {"number", "integer"} and isinstance(value, int | float):
+        return not isinstance(value, bool) and -_LARGEST <= value <= _LARGEST  # True is an int
+    return True
 
 
 def _is_one_of(value: object, choices: list[object]) -> bool:

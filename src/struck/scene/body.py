@@ -471,7 +471,7 @@ def doubts(bodies: Sequence[Body], seconds: float | None) -> tuple[str, ...]:
     kinds = " and ".join(sorted({type(action).__name__.lower() for action in late_actions}))
     note = (
         f"{len(late_actions)} of {len(actions)} excitations ({kinds}) begin after the end at "
-        f"{rounded(seconds)} s and are not heard: give more seconds, or times in s"
+        f"{rounded(seconds)} s of the sound and are left out: give more seconds, or times in s"
     )
     return (note,)
 
