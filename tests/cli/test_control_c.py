@@ -13,9 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 
-import struck
+from tests.commands import write_inputs
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGINT for others")
 BEGUN = b"."
@@ -48,15 +47,7 @@ COMMANDS = [
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with a model, a recording of it and a mesh."""
-    folder = tmp_path_factory.mktemp("interrupted")
-    bar = struck.analyze(struck.shapes.Bar(length=0.3, width=0.03, thickness=0.005), "steel")
-    struck.save(bar, folder / "bar.struck")
-    sound = struck.render(bar, struck.Strike(at=(0.02,), time=0.5), seconds=1.5)
-    noise = 1e-5 * np.random.default_rng(0).standard_normal(sound.samples.shape)
-    taken = (0.5 * sound.samples / sound.peak + noise).astype(np.float32)
-    struck.Sound(samples=taken, sample_rate=48_000).save(folder / "tap.wav")
-    trimesh.creation.icosphere(subdivisions=2, radius=0.08).export(folder / "ball.stl")
-    return folder
+    return write_inputs(tmp_path_factory.mktemp("interrupted"))
 
 
 def interrupted(folder: Path, words: str, moment: float) -> tuple[int, str]:

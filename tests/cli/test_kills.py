@@ -17,6 +17,7 @@ import pytest
 import trimesh
 
 import struck
+from tests.commands import write_inputs
 
 pytestmark = [
     pytest.mark.prove,
@@ -89,16 +90,10 @@ COMMANDS = {
 }
 
 
-def write_inputs(folder: Path) -> Path:
-    """Write a model, a recording, two meshes and a scene, and return their folder."""
+def make_folder(folder: Path) -> Path:
+    """Make a folder with a model, a recording, two meshes and a scene, and return it."""
     folder.mkdir()
-    bar = struck.analyze(struck.shapes.Bar(length=0.3, width=0.03, thickness=0.005), "steel")
-    struck.save(bar, folder / "bar.struck")
-    sound = struck.render(bar, struck.Strike(at=(0.02,), time=0.5), seconds=1.5)
-    noise = 1e-5 * np.random.default_rng(0).standard_normal(sound.samples.shape)
-    samples = (0.5 * sound.samples / sound.peak + noise).astype(np.float32)
-    struck.Sound(samples=samples, sample_rate=48_000).save(folder / "tap.wav")
-    trimesh.creation.icosphere(subdivisions=2, radius=0.08).export(folder / "ball.stl")
+    write_inputs(folder)
     trimesh.creation.box((0.1, 0.05, 0.01)).export(folder / "box.stl")
     (folder / "scene.xml").write_text(SCENE, encoding="utf-8")
     (folder / "out").mkdir()
@@ -129,7 +124,7 @@ def written(folder: Path, command: Command) -> dict[str, bytes]:
 @pytest.mark.parametrize("name", COMMANDS)
 def test_files_are_old_or_new_and_work_resumes(name: str, tmp_path: Path) -> None:
     command = COMMANDS[name]
-    whole, folder = write_inputs(tmp_path / "whole"), write_inputs(tmp_path / "killed")
+    whole, folder = make_folder(tmp_path / "whole"), make_folder(tmp_path / "killed")
     process = start(whole, command.words, "off")
     _, errors = process.communicate(timeout=300)
     assert process.returncode == 0, errors.decode()

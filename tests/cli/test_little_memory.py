@@ -10,13 +10,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 import trimesh
 
 import struck
 from struck.cli import COMMANDS, memory_limit
 from struck.errors import MissingDependencyError
+from tests.commands import write_inputs
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="Linux alone limits address space")
 MIB = 2**20
@@ -66,14 +66,7 @@ SCENE = """<mujoco><option timestep="0.002"/><worldbody>
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with models, a recording, meshes and a scene."""
-    folder = tmp_path_factory.mktemp("short")
-    bar = struck.analyze(struck.shapes.Bar(length=0.3, width=0.03, thickness=0.005), "steel")
-    struck.save(bar, folder / "bar.struck")
-    sound = struck.render(bar, struck.Strike(at=(0.02,), time=0.5), seconds=1.5)
-    noise = 1e-5 * np.random.default_rng(0).standard_normal(sound.samples.shape)
-    taken = (0.5 * sound.samples / sound.peak + noise).astype(np.float32)
-    struck.Sound(samples=taken, sample_rate=48_000).save(folder / "tap.wav")
-    trimesh.creation.icosphere(subdivisions=2, radius=0.08).export(folder / "ball.stl")
+    folder = write_inputs(tmp_path_factory.mktemp("short"))
     trimesh.creation.box((0.1, 0.05, 0.01)).export(folder / "box.stl")
     (folder / "scene.xml").write_text(SCENE, encoding="utf-8")
     (folder / "plan.toml").write_text("seconds = 0.1\n", encoding="utf-8")
