@@ -23,8 +23,7 @@ Source: TypeAlias = "ElementsSource | Shape"
 
 _FILE = ("units", "size", "part", "up")
 _SURFACE = ("wall", "holes", "repair", "repair_seconds")
-# That it does not take.
-_OF_FORMULA = (*_SURFACE, "fixed", "accuracy", "backend")
+_NOT_OF_FORMULA = (*_SURFACE, "fixed", "accuracy", "backend")
 _NO_FILE = "{0}= does not apply here: {1} is no file, and has its own size, axes and one piece"
 
 
@@ -45,7 +44,7 @@ def refusals(body: Source, *, formula: bool = True) -> dict[str, str]:
     if is_shape(body):
         messages = {name: _NO_FILE.format(name, kind) for name in _FILE}
         if formula:
-            return messages | {name: _formula_message(body, kind, name) for name in _OF_FORMULA}
+            return messages | {name: _formula_message(body, kind, name) for name in _NOT_OF_FORMULA}
         return refusals(body.solid()) | messages
     if isinstance(body, Mesh):
         return {

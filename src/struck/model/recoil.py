@@ -69,8 +69,7 @@ class Recoil:
             raise OptionError(
                 f"recoil has corners {self.corners.tolist()} Hz and dampings "
                 f"{self.dampings.tolist()}: give corners from {rounded(_LOWEST_CORNER)} Hz on and "
-                f"dampings from "
-                f"{rounded(least)} to {rounded(most)}"
+                f"dampings from {rounded(least)} to {rounded(most)}"
             )
 
     def drives(self, directions: ArrayLike) -> Array:
