@@ -10,10 +10,11 @@ from pathlib import Path
 def free_address_space(root: Path = Path("/")) -> int | None:
     """Return the bytes that the limit leaves; None without one, or on other systems than Linux."""
     with suppress(OSError):
-        limits = (root / "proc/self/limits").read_text(encoding="ascii")
-        limit = re.search(r"^Max address space +(\d+)", limits, re.MULTILINE)
-        if limit is not None:
-            status = (root / "proc/self/status").read_text(encoding="ascii", errors="replace")
-            used = re.search(r"^VmSize:\s+(\d+) kB", status, re.MULTILINE)
-            return None if used is None else max(int(limit[1]) - 1024 * int(used[1]), 0)
+        limits_text = (root / "proc/self/limits").read_text(encoding="ascii")
+        limit_match = re.search(r"^Max address space +(\d+)", limits_text, re.MULTILINE)
+        if limit_match is not None:
+            status_text = (root / "proc/self/status").read_text("ascii", errors="replace")
+            size_match = re.search(r"^VmSize:\s+(\d+) kB", status_text, re.MULTILINE)
+            size = None if size_match is None else 1024 * int(size_match[1])
+            return None if size is None else max(int(limit_match[1]) - size, 0)
     return None

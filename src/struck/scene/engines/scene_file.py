@@ -504,14 +504,14 @@ def mujoco_itself():  # noqa: ANN201 - a module
 def gathered_warnings(notes: list[str]) -> Iterator[None]:
     """Add the warnings of MuJoCo to notes, each once; it would write them to a file right here."""
     mujoco, messages = mujoco_itself(), list[str]()
-    earlier = mujoco.get_mju_user_warning()
+    old_handler = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(messages.append)
     with warnings.catch_warnings(record=True) as records:
         warnings.simplefilter("always")
         try:
             yield
         finally:
-            mujoco.set_mju_user_warning(earlier)
+            mujoco.set_mju_user_warning(old_handler)
             messages += [str(record.message) for record in records]
             texts = [f"MuJoCo warns: {' '.join(message.split())}" for message in messages]
             notes += [text for text in dict.fromkeys(texts) if text not in notes]

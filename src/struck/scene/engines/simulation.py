@@ -319,18 +319,18 @@ def _compile(spec: mujoco.MjSpec, notes: list[str]) -> mujoco.MjModel:
         raise SimulationError(f"MuJoCo refuses the scene: {reason}") from None
     for name in _PLACES:
         values = getattr(model, name)
-        is_beyond = ~(np.abs(values) <= _FARTHEST)
+        is_beyond = ~(np.abs(values) <= _MAX_PLACE)
         if is_beyond.any():
             raise SimulationError(
                 f"the scene's {name} holds {values[is_beyond][0]}: give places and sizes within "
-                f"{rounded(_FARTHEST)} m, and turns that are numbers"
+                f"{rounded(_MAX_PLACE)} m, and turns that are numbers"
             )
     return model
 
 
 # MuJoCo takes any number, also NaN; surfaces cannot be made of them.
 _PLACES = ("body_pos", "body_quat", "geom_pos", "geom_quat", "geom_size", "qpos0")
-_FARTHEST = 1e9  # m
+_MAX_PLACE = 1e9  # m
 
 
 def _give_masses(
