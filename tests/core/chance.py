@@ -27,7 +27,7 @@ from struck.live.ears import EarsMemory
 from struck.model.arrays import AnyArray, Array, Index, Single
 from struck.model.exponentials import Exponentials
 from struck.model.gains import shapes_along
-from struck.model.mesh import Mesh
+from struck.model.mesh import part_mesh
 from struck.radiation.boundary_elements import BoundaryElements
 from struck.recordings.noise import Noise
 from struck.recordings.poles.normal_equations import add_unique, take_turns
@@ -169,7 +169,7 @@ def layered(random: Random) -> Iterator[Array]:
     vertices, faces = int(random.integers(4, 40)), int(random.integers(1, 70))
     corners = random.random((faces, vertices)).argsort(axis=1)[:, :3]
     corners[0] = corners[0, 0]
-    mesh = Mesh(points=random.standard_normal((vertices, 3)), faces=corners)
+    mesh = part_mesh(random.standard_normal((vertices, 3)), corners)
     elements, wave_number = BoundaryElements.of(mesh), 10 ** random.uniform(-9, 3)
     doubles = np.empty((faces, faces + int(random.integers(3))), np.complex128)
     singles = elements.layers(mesh.centroids, wave_number, doubles, 0)

@@ -16,8 +16,8 @@ from struck.files.meshes import load_body
 from struck.solids.surface.repair import Repair, repair_mesh
 
 
-def ball() -> trimesh.Trimesh:
-    return trimesh.creation.icosphere(subdivisions=2, radius=0.1)
+def ball(subdivisions: int = 2) -> trimesh.Trimesh:
+    return trimesh.creation.icosphere(subdivisions=subdivisions, radius=0.1)
 
 
 def holed() -> struck.Mesh:
@@ -25,11 +25,11 @@ def holed() -> struck.Mesh:
     return struck.Mesh(points=np.array(body.vertices), faces=np.array(body.faces)[3:], up="x")
 
 
-def tangled() -> struck.Mesh:
-    """Return a ball of 320 faces whose repair takes ten seconds and more: vertices far astray."""
+def tangled(subdivisions: int = 2, count: int = 31) -> struck.Mesh:
+    """Return a ball that takes long to repair: vertices far astray."""
     chance = np.random.default_rng(10)
-    body = ball()
-    points, count = np.array(body.vertices), chance.integers(1, 40)
+    body = ball(subdivisions)
+    points = np.array(body.vertices)
     points[chance.integers(len(points), size=count)] *= chance.uniform(-3, 3, size=(count, 1))
     return struck.Mesh(points=points, faces=np.array(body.faces))
 
@@ -105,5 +105,5 @@ def test_options_of_a_repair(tmp_path: Path) -> None:
 def test_a_default_repair_ends_after_ten_seconds() -> None:
     start = time.monotonic()
     with pytest.raises(MeshError, match="repairing its surface took more than 10 s of the proc"):
-        repaired(tangled())
+        repaired(tangled(subdivisions=5, count=150))  # 20 s and more
     assert time.monotonic() - start < 120

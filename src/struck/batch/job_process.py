@@ -41,6 +41,7 @@ from struck.files import guard, meshes, model_file
 from struck.files.atomic import make_folder, read_bytes, remove, write_bytes
 from struck.model.model import ModalModel
 from struck.model.provenance import ForecastStage
+from struck.processes.address_space import reserve_blas_buffers
 from struck.radiation import by_name
 from struck.solids.resolution import coarser
 
@@ -153,6 +154,7 @@ def done(job: BodyJob, folder: Path, progress: Callable[[str, float], None]) -> 
     """Analyze a body, write its model into a folder, and return the facts of its facts file."""
     facts: Facts = {"key": job.key}
     try:
+        reserve_blas_buffers()
         make_folder(job.path(folder).parent, parents=True)
         with _noting_warnings(facts):
             facts["parts"] = _several(job)

@@ -1,7 +1,6 @@
 """Commands in little memory: refused before libraries end the process, or stopped with a reason.
 
-A limit of address space (``ulimit -v``) makes requests for memory fail. Python turns that into a
-MemoryError, but OpenBLAS ends the process without it, or waits for ever.
+What a limit does to libraries is explained in `struck.processes.address_space`.
 """
 
 from __future__ import annotations
@@ -10,13 +9,12 @@ import errno
 import os
 import re
 
-from struck.processes.address_space import free_address_space
+from struck.processes.address_space import free_address_space, reserve_blas_buffers
 
 _MIB = 2**20
 # Address space that Python's modules and libraries take, whatever the command: at most 500 MiB with
 # one thread of OpenBLAS, measured on Linux.
 _LIBRARIES = 640 * _MIB
-_ORDER = 256  # of matrices for whose product OpenBLAS takes its buffer
 _SIGNS = re.compile(r"can't start new thread|failed to map segment|cannot allocate memory")
 
 
@@ -35,12 +33,7 @@ def prepare() -> str:
         )
     # Each thread takes 100 MB. This must be set before NumPy is imported.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    import numpy as np
-    from scipy.linalg import blas
-
-    # The two have an OpenBLAS each, which keeps the buffer that it takes for its first product.
-    matrix = np.ones((_ORDER, _ORDER))
-    blas.dgemm(1.0, matrix, matrix @ matrix)
+    reserve_blas_buffers()
     return ""
 
 

@@ -1,10 +1,17 @@
-"""Address space of this process, which ``ulimit -v`` limits."""
+"""Address space of this process, which ``ulimit -v`` limits.
+
+Where a limit makes requests for memory fail, Python raises a MemoryError, but OpenBLAS ends the
+process without it, or asks for ever.
+"""
 
 from __future__ import annotations
 
 import re
 from contextlib import suppress
 from pathlib import Path
+
+_ORDER = 256  # of matrices for whose product OpenBLAS takes its buffer
+_BUFFERS = 2**27  # bytes: OpenBLAS takes 33 MB at a time, with NumPy and with SciPy
 
 
 def free_address_space(root: Path = Path("/")) -> int | None:
@@ -18,3 +25,18 @@ def free_address_space(root: Path = Path("/")) -> int | None:
             size = None if size_match is None else 1024 * int(size_match[1])
             return None if size is None else max(int(limit_match[1]) - size, 0)
     return None
+
+
+def reserve_blas_buffers() -> None:
+    """Make both OpenBLAS, of NumPy and of SciPy, take the buffers that they keep.
+
+    MemoryError where a limit leaves no room for them.
+    """
+    import numpy as np
+    from scipy.linalg import blas
+
+    free = free_address_space()
+    if free is not None and free < _BUFFERS:
+        raise MemoryError(f"{free} bytes are free, and {_BUFFERS} are needed")
+    matrix = np.ones((_ORDER, _ORDER))
+    blas.dgemm(1.0, matrix, matrix @ matrix)

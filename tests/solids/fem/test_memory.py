@@ -191,14 +191,14 @@ def test_little_address_space_is_for_superlu(
     assert used == [backend]
 
 
-@pytest.mark.parametrize(("free", "factor"), [(None, 1), (2**30, 3)])
+@pytest.mark.parametrize(("free", "factor", "reserve"), [(None, 1, 0), (2**30, 3, 2**28)])
 def test_superlu_is_forecast_to_copy_in_little_address_space(
-    free: int | None, factor: int, monkeypatch: pytest.MonkeyPatch
+    free: int | None, factor: int, reserve: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     matrix = sparse.eye(1000, format="csc")
     monkeypatch.setattr(factorisation, "free_address_space", lambda: free)
     peak, remaining = factorisation.Factoriser("superlu").memory(matrix)
-    assert peak == pytest.approx(factor * 12 * 1000 * 10, rel=1e-4)
+    assert peak - reserve == pytest.approx(factor * 12 * 1000 * 10, rel=1e-4)
     assert remaining == pytest.approx(12 * 1000 * 10 / 2, rel=1e-4)
 
 
