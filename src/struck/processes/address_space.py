@@ -1,7 +1,7 @@
 """Address space of this process, which ``ulimit -v`` limits.
 
 Where a limit makes requests for memory fail, Python raises a MemoryError, but OpenBLAS ends the
-process without it, or asks for ever.
+process without it, or requests it for ever.
 """
 
 from __future__ import annotations

@@ -152,8 +152,8 @@ _SUPERLU_BYTES = 12
 # In a limited address space SuperLU copies an array that grows before it frees the old one. If
 # memory is short there, it prints an error and fails.
 _SUPERLU_GROWTH = 3
-# Bytes of address space there beside the factor: heaps of 64 MiB and buffers of OpenBLAS, which
-# asks for these for ever if it gets none. Measured: 200 MB with 3,315 unknowns.
+# Bytes of address space there in addition to the factor: heaps of 64 MiB, and buffers that OpenBLAS
+# requests for ever if it gets none. Measured: 200 MB with 3,315 unknowns.
 _SUPERLU_RESERVE = 2**28
 # Address space of rslab 1.7, measured: its allocator reserves 1 GiB and more; the analysis takes
 # 32 KiB per unknown, rounded up to a power of two, and keeps it for a coarser and a finer mesh.
