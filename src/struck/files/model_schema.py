@@ -116,7 +116,7 @@ def _deciding_items(items: list[Any]) -> Iterator[int]:
             yield from (index for index, item in enumerate(items) if type(item) is kind)
 
 
-def _fault_of_choices(value: Any, schemas: list[Schema], place: Place) -> _Fault | None:  # noqa: ANN401 - JSON
+def _fault_of_choices(value: object, schemas: list[Schema], place: Place) -> _Fault | None:
     """Return the fault of the schema that was meant, None if a value follows one of several."""
     schemas = [_dereference(schema) for schema in schemas]
     kinds = {

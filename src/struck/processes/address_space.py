@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 
 _ORDER = 256  # of matrices for whose product OpenBLAS takes its buffer
-_BUFFERS = 2**27  # bytes: OpenBLAS takes 33 MB at a time, with NumPy and with SciPy
+_BUFFERS = 2**27  # bytes: two of 33 MB with NumPy's OpenBLAS, two with SciPy's
 
 
 def free_address_space(root: Path = Path("/")) -> int | None:
