@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 DOCS = Path(__file__).parent
 ROOT = DOCS.parent
@@ -107,7 +108,8 @@ def from_script(script: str, *names: str) -> Callable[[], None]:
     """Return a function that runs a script and keeps some of the pictures that it draws."""
 
     def draw() -> None:
-        with elsewhere() as folder:
+        # Without the arguments of this command, which name pictures.
+        with elsewhere() as folder, patch.object(sys, "argv", [script]):
             runpy.run_path(str(ROOT / script), run_name="__main__")
             for name in names:
                 keep(folder / name, name)

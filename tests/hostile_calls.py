@@ -54,6 +54,18 @@ def bar() -> struck.ModalModel:
 
 
 @cache
+def sheet() -> struck.ModalModel:
+    plate = shapes.CircularPlate(radius=0.1, thickness=0.002, edge="clamped")
+    return struck.analyze(plate, "steel", band=(20, 1500))
+
+
+@cache
+def vessel() -> struck.ModalModel:
+    bowl = solids.bowl(radius=0.06, height=0.04, wall=0.002)
+    return struck.analyze(bowl, "glass", accuracy="preview", band=(20, 5000))
+
+
+@cache
 def box() -> struck.Mesh:
     solid = trimesh.creation.box((0.2, 0.1, 0.01))
     return struck.Mesh(points=np.asarray(solid.vertices), faces=np.asarray(solid.faces))
@@ -66,7 +78,8 @@ def block() -> struck.ModalModel:
 
 @cache
 def sound() -> struck.Sound:
-    return struck.render(bar(), struck.Strike(impulse=0.01), seconds=0.3, sample_rate=RATE)
+    strike = struck.Strike(at=(0.2804, 0.0, 0.0025), impulse=0.01)
+    return struck.render(bar(), strike, seconds=0.3, sample_rate=RATE)
 
 
 @cache
@@ -363,6 +376,26 @@ def _materials() -> dict[str, Call]:
         ),
         "radiation.by_name": Call(made=radiation.by_name, given={"name": "power"}),
         "radiation.RadiatedPower": Call(made=radiation.RadiatedPower, given={"air": model.AIR}),
+        "radiation.add_air_mass": Call(
+            made=radiation.add_air_mass,
+            given={"model": sheet(), "setting": "wall", "kettle": 0.1},
+            dear=True,
+        ),
+        "radiation.immerse": Call(
+            made=radiation.immerse,
+            given={"model": sheet(), "fluid": "water", "setting": "one side"},
+            dear=True,
+        ),
+        "radiation.fill": Call(
+            made=radiation.fill,
+            given={"model": vessel(), "level": 0.02, "fluid": "water"},
+            dear=True,
+        ),
+        "radiation.immerse a vessel": Call(
+            made=radiation.immerse,
+            given={"model": vessel(), "level": 0.02, "filled": 0.01},
+            dear=True,
+        ),
     }
 
 
@@ -580,6 +613,23 @@ def _models(folder: Path) -> dict[str, Call]:
             made=struck.Mesh, given={"points": box().points, "faces": box().faces, "up": "z"}
         ),
         "model.Mesh.scaled": Call(made=box().scaled, given={"factor": 2.0}),
+        "model.NumberTable": Call(
+            made=model.NumberTable, given={"columns": {"Hz": [440.0, 880.0]}}, use=str
+        ),
+        "model.RadiationEfficiency": Call(
+            made=model.RadiationEfficiency,
+            given={
+                **dict.fromkeys(
+                    [
+                        *("frequencies", "efficiencies", "mean_squares"),
+                        *("decays", "fractions", "uncertainties"),
+                    ],
+                    (0.5,),
+                ),
+                "area": 0.1,
+                "impedance": 413.0,
+            },
+        ),
         "model.ModalModel.contact": Call(
             made=bar().contact, given={"at": ON, "direction": (0.0, 0.0, 1.0)}
         ),
@@ -797,6 +847,9 @@ def _verbs(folder: Path) -> dict[str, Call]:
                 "band": (20.0, 5000.0),
                 "damping": "own",
                 "radiation": "power",
+                "filled": None,
+                "immersed": None,
+                "air_mass": False,
             },
             use=sounding,
         ),
@@ -846,6 +899,30 @@ def _verbs(folder: Path) -> dict[str, Call]:
             use=finite,
         ),
         "load": Call(made=struck.load, given={"path": file}, use=sounding),
+        "energy": Call(
+            made=struck.energy,
+            given={
+                "model": bar(),
+                "excitations": [struck.Strike(impulse=0.01)],
+                "seconds": 0.05,
+                "sample_rate": RATE,
+            },
+            use=str,
+        ),
+        "scene.Energy": Call(
+            made=struck.scene.Energy,
+            given={
+                **dict.fromkeys(
+                    [
+                        *("frequencies", "entered", "material", "support"),
+                        *("hold", "surface", "sound", "radiated"),
+                    ],
+                    (0.5,),
+                ),
+                **dict.fromkeys(["modes_sound", "recoil", "recoil_sound", "striker"], 0.1),
+            },
+            use=str,
+        ),
         "save": Call(made=struck.save, given={"model": bar(), "path": folder / "again.struck"}),
         "save for others": Call(
             made=struck.save,
@@ -929,6 +1006,13 @@ def _verbs(folder: Path) -> dict[str, Call]:
                 "level": 2.0,
                 "encoding": "int24",
                 "ending": ".wav",
+            },
+        ),
+        "files.save_table": Call(
+            made=files.save_table,
+            given={
+                "table": model.NumberTable(columns={"Hz": np.array([440.0])}),
+                "path": folder / "table.csv",
             },
         ),
         "files.list_parts": Call(

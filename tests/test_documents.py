@@ -61,7 +61,18 @@ SAMPLE = {"examples/gallery/f_pluck_and_release.py"}  # of the gallery, whose pa
 SHOWN = {
     *("Binaural", "ForceTrack", "Hold", "Pluck", "Release", "Roll", "Room", "Scrape", "Strike"),
     *("TouchLog", "analyze", "analyze_many", "audible", "calibrated", "capture", "compare"),
-    *("explore", "fit", "load", "Player", "radiating", "render", "save", "show", "simulate"),
+    *(
+        "energy",
+        "explore",
+        "fit",
+        "load",
+        "Player",
+        "radiating",
+        "render",
+        "save",
+        "show",
+        "simulate",
+    ),
     *("sonic_distance", "sound_map", "tune"),
 }
 BLOCK = re.compile(

@@ -3,7 +3,7 @@ Analyze and strike
 ==================
 
 Compute a model from a shape and a material, and render a sound with it: `struck.analyze`,
-`struck.render` and `Strike`.
+`struck.render`, `Strike` and `struck.energy`.
 """
 
 import struck
@@ -17,6 +17,11 @@ struck.show(chime)
 # %%
 # Strike the end with wood. Give a striker and its speed, an energy, or an impulse.
 struck.render(chime, Strike(at="end", striker="wood", speed=1.0), seconds=1.5)
+
+# %%
+# The energy of the strike in joules: what the striker brings, what enters the modes, and what the
+# material and the air take.
+print(struck.energy(chime, Strike(at="end", striker="wood", speed=1.0)))
 
 # %%
 # A strike at the middle excites other modes, and felt excites fewer high modes.

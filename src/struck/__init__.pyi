@@ -51,6 +51,7 @@ from .report.comparison import compare as compare
 from .report.fit_with_page import fit as fit
 from .report.model_pictures import show as show
 from .scene.body import Body as Body
+from .scene.energy import energy as energy
 from .scene.engines.simulation import simulate as simulate
 from .scene.render import render as render
 

@@ -211,6 +211,12 @@ def test_changes_go_to_what_rings(visit: Visit, models: dict[str, struck.ModalMo
     factor = 10**0.3
     truth = models["block"].made_of("glass").scaled(factor)
     visit.wait(f"Math.abs(struck.instrument.model('given_1').size - {factor}) < 1e-6")
+    # The first answer keeps the losses to the air; those at the new frequencies follow. They are
+    # those of shapes that are kept in single precision, rounded once here and twice in `truth`.
+    rounding = float(np.finfo(np.float32).eps)
+    mode = int(np.argmax(truth.air_decays / truth.decays))
+    decay = f"struck.instrument.model('given_1').decays[{mode}]"
+    visit.wait(f"Math.abs({decay} / {float(truth.decays[mode])} - 1) < {rounding}")
     model = visit.page.evaluate(
         """() => {
           const model = struck.instrument.model('given_1');
@@ -220,7 +226,7 @@ def test_changes_go_to_what_rings(visit: Visit, models: dict[str, struck.ModalMo
         }"""
     )
     np.testing.assert_allclose(model[0], truth.frequencies, rtol=1e-9)
-    np.testing.assert_allclose(model[1], truth.decays, rtol=1e-9)
+    np.testing.assert_allclose(model[1], truth.decays, rtol=rounding)
     point, direction = np.array(model[2]["point"]), np.array(model[2]["direction"])
     drive = truth.gains.at(point[None], direction[None])[0, 0]
     np.testing.assert_allclose(model[3], drive, atol=1e-5 * np.abs(drive).max())

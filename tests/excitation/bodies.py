@@ -51,4 +51,5 @@ def model(mesh: Mesh, shapes: np.ndarray) -> ModalModel:
         mass=2.0,
         centre=np.zeros(3),
         inertia=np.eye(3) * 0.01,
+        air=False,  # no body has these shapes: that of the whole as one mode overdamps
     )

@@ -68,6 +68,7 @@ def test_a_profile_goes_on_as_its_spectrum() -> None:
     ("change", "message"),
     [
         ({"rms": 0.0}, "rms is 0.0"),
+        ({"rms": 1e-300}, "rms is 1e-300"),
         ({"rms": np.nan}, "rms is nan"),
         ({"slope": 1.0}, "slope is 1"),
         ({"correlation_length": -1.0}, "correlation_length is -1.0"),

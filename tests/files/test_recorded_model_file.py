@@ -267,7 +267,7 @@ def test_files_hold_no_surface_and_follow_the_schema(name: str) -> None:
     own = {"frequencies", "natural_frequencies", "decays"}
     assert all(each.startswith("field_") for each in tensors.keys() - own)
     assert complaints(text, SCHEMA, SCHEMA) == []
-    assert set(text) == set(SCHEMA["properties"]) - {"recoil", "chart", "playing_place"}
+    assert set(text) == set(SCHEMA["properties"]) - {"recoil", "chart", "playing_place", "air"}
     kinds = {each["properties"]["kind"]["const"]: each for each in GAINS_SCHEMAS}
     assert set(text["gains"]) == set(kinds[text["gains"]["kind"]]["properties"])
     text["gains"]["kind"] = "ShapeGains"

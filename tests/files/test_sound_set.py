@@ -124,7 +124,7 @@ def test_coders_keep_levels_within_a_decibel(
     files = [tmp_path / "set" / row["file"] for row in rows]
     read = np.array([decibels(soundfile.read(file)[0] * rows[0]["full_scale"]) for file in files])
     off = np.abs(read - [decibels(sound.samples) for sound in fading.values()])
-    assert 0.1 < off.max() < 1
+    assert 0.02 < off.max() < 1
     with pytest.raises(OptionError, match=r"more than 1: save|leave silence of it"):
         save_set({"soft": tone(pressure=1e-7)}, tmp_path / "soft", level=1.0, ending=ending)
 

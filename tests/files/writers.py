@@ -31,6 +31,7 @@ from struck.batch.job import BodyJob
 from struck.explorer import jobs, server
 from struck.explorer.private_folder import PrivateFolder
 from struck.files import sofa_fields
+from struck.model import NumberTable
 from struck.recordings.capture import SimulatedRecorder
 from struck.recordings.capture_plan import read_plan
 from struck.report import obrien2002
@@ -369,6 +370,11 @@ def head(folder: Path, version: int) -> None:
             server._write_head(folder, "kemar", "8000")
 
 
+def table(folder: Path, version: int) -> None:
+    columns = {"energy (J)": np.array([1.0, version])}
+    files.save_table(NumberTable(columns=columns), folder / "a.csv")
+
+
 def sound_as(name: str, folder: Path, version: int) -> None:
     sound(version).save(folder / name)
 
@@ -399,6 +405,7 @@ WRITERS: dict[str, Writer] = {
             falling(version), folder / "a.glb", seconds=0.1 + version
         )
     ),
+    "table of numbers": Writer(write=table),
     "sound map": Writer(write=map_of),
     "bank": Writer(write=bank),
     **{

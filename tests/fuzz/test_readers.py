@@ -61,6 +61,7 @@ PUBLIC: dict[str, tuple[str, ...] | str] = {
     "struck.files.load_surface path": SURFACES,
     "struck.files.load_volume path": targets("volume"),
     "struck.files.save_set folder": "written",
+    "struck.files.save_table path": "written",
     "struck.fit cache": CACHE,
     "struck.fit geometry": (*SURFACES, "body"),
     "struck.fit manifest": LISTS,

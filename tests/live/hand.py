@@ -147,6 +147,7 @@ def ball(modes: int = 40, *, seed: int = 0, radius: float = 0.1) -> ModalModel:
         centre=np.zeros(3),
         inertia=np.eye(3) * 0.004,
         places={"top": np.array([0, 0, radius]), "side": np.array([radius, 0, 0])},
+        air=False,  # no ball has these shapes
     )
 
 

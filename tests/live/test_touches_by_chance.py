@@ -30,8 +30,8 @@ __all__ = ["by_hand"]
 Array = NDArray[np.float64]
 RATE, BLOCK = 44100.0, 512
 RECORDED = ("one", "field", "table")
-GROWTH = 3 * 2**20
-"""Bytes by which memory may grow once everything was there."""
+GROWTH = 3 * 2**19
+"""Bytes by which memory may grow in a fifth of the time, once everything was there."""
 DROPPED = 0.05
 """The share of what is asked that there may be no voice for."""
 STRIKERS = ("fingertip", "felt", "rubber", "plastic", "wood", "brass", "steel", "glass")
@@ -221,7 +221,7 @@ def test_ten_minutes_of_every_touch(
     blocks, heard_in = round(600 * RATE / BLOCK), 0
     memory: list[int] = []
     for number in range(blocks):
-        if number in {blocks // 5, 3 * blocks // 5}:
+        if number in {k * blocks // 5 for k in range(1, 5)}:
             memory.append(lasting())
         heard = player.hear(1, hands.act)
         assert np.isfinite(heard).all(), number
@@ -229,7 +229,7 @@ def test_ten_minutes_of_every_touch(
         assert loudest <= CEILING, number
         heard_in += loudest > 1e-6
     memory.append(lasting())
-    # Once it may grow, in a process that has run much else: a leak grows on.
+    # At times it may grow, in a process that has run much else: a leak grows all the time.
     assert np.diff(memory).min() < GROWTH
     assert player._limiter_state[limiter.REPLACED] == 0  # nor did the limiter hide any
     assert player.late == 0

@@ -125,9 +125,12 @@ def test_modes_that_do_not_fit_are_refused(block: ModalModel) -> None:
 
 
 def test_other_damping_is_arithmetic(block: ModalModel) -> None:
-    lossy = block.damped(Rayleigh(mass=5.0, stiffness=3e-8))
+    law = Rayleigh(mass=5.0, stiffness=3e-8)
+    lossy = block.damped(law)
     natural = block.natural_frequencies
-    assert lossy.decays == pytest.approx((5 + 3e-8 * (2 * np.pi * natural) ** 2) / 2)
+    by_law = (5 + 3e-8 * (2 * np.pi * natural) ** 2) / 2
+    assert lossy.decays == pytest.approx(by_law + block.air_decays)
+    assert replace(block, air=False).damped(law).decays == pytest.approx(by_law)
     assert lossy.frequencies == pytest.approx(
         np.sqrt(natural**2 - (lossy.decays / (2 * np.pi)) ** 2)
     )

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 import trimesh
 from numpy.typing import NDArray
-from scipy.special import sph_harm_y, spherical_jn, spherical_yn
+from scipy.special import eval_legendre, sph_harm_y, spherical_jn, spherical_yn
 
 from struck.errors import MeshError
 from struck.model.arrays import Array
@@ -149,6 +149,31 @@ def test_orders_of_a_sphere_meet_the_closed_form_wherever_it_lies() -> None:
     assert errors.max() < 0.01
     moved = off_the_sphere(mesh, ka, TURN, np.array([0.3, -2.0, 1.0]))
     np.testing.assert_allclose(moved, errors, atol=2e-4)
+
+
+@pytest.mark.parametrize("ka", [0.5, 2.0, 5.0])
+def test_a_cap_on_a_sphere_meets_the_closed_form(ka: float) -> None:
+    """Of half an angle of 30 degrees (Morse & Ingard 1968, section 7.2: a piston in a sphere)."""
+    polar_angles = np.linspace(np.pi, 0, 25)  # a ring of edges lies on the rim of the cap
+    inscribed = bodies.revolved(np.sin(polar_angles), np.cos(polar_angles), 36)
+    mesh = inscribed.scaled((4 * np.pi / 3 / inscribed.volume) ** (1 / 3))
+    rim = np.cos(np.pi / 6)
+    is_on_cap = mesh.centroids[:, 2] > rim * np.linalg.norm(mesh.centroids, axis=1)
+    field = solve_field(mesh, ka, is_on_cap[:, None].astype(float), np.zeros(1, np.int64))
+    degrees = np.arange(60)
+    speeds = (eval_legendre(np.maximum(degrees - 1, 0), rim) - eval_legendre(degrees + 1, rim)) / 2
+    heights, weights = np.polynomial.legendre.leggauss(24)
+    distance = 30.0
+    waves = outgoing(degrees, distance * ka) / outgoing(degrees, ka, slope=True)
+    is_finite = np.isfinite(waves)
+    shapes = eval_legendre(degrees[is_finite, None], heights)
+    exact = np.abs(AIR.impedance * (speeds * waves)[is_finite] @ shapes)
+    places = distance * np.stack([np.sqrt(1 - heights**2), 0 * heights, heights], axis=1)
+    heard = np.abs(field.pressure(places, np.zeros(1, np.int64))[:, 0])
+    powers = [weights @ np.square(pressures) for pressures in (heard, exact)]
+    assert abs(10 * np.log10(powers[0] / powers[1])) < 0.4
+    loud = exact > 0.3 * exact.max()
+    assert np.abs(20 * np.log10(heard[loud] / exact[loud])).max() < 0.4
 
 
 @pytest.mark.prove

@@ -17,12 +17,15 @@ from struck.analysis.analysis import radiating
 from struck.errors import ContactError, MeshError, OptionError, ScaleWarning, SolverError
 from struck.files import model_file
 from struck.model.gains import ShapeGains
+from struck.model.material import AIR
 from struck.model.mesh import Mesh
 from struck.radiation import sound_field
 from struck.radiation.boundary_elements import Walls
+from struck.radiation.directivity import RadiatingGains
+from struck.radiation.multipoles import sphere_rule
 from struck.radiation.remeshing import remesh
 from struck.radiation.sound_field import FieldPlan, fields_of, fitting_mesh, velocities_on
-from struck.solids import Block, Tube
+from struck.solids import Block, Revolution, Tube
 from tests.excitation.recordings import recorded
 from tests.radiation import bodies
 
@@ -355,3 +358,49 @@ def test_seconds_of_a_field_are_forecast(
     _, seconds, peak = map(float, lines[-1].split("|"))
     assert peak < 4 * 2**30
     assert seconds / 1.5 < forecast < 1.5 * seconds
+
+
+def test_losses_of_a_field_are_its_power_within_its_error(
+    block: struck.ModalModel, sounding: struck.ModalModel
+) -> None:
+    losses, estimated, gains = shaped(sounding).losses, shaped(block).losses, sounding.gains
+    assert losses is not None
+    assert estimated is not None
+    assert isinstance(gains, RadiatingGains)
+    (part,) = gains.near
+    directions, weights = sphere_rule(8)
+    pressures = 10.0 * np.abs(part.pressure(10.0 * directions, np.arange(len(part.modes))))
+    # 4 pi r^2 p^2 / (2 rho c), of an energy of 1/2 J that falls at twice the decay rate.
+    mean_squares = weights @ np.square(pressures) / weights.sum()
+    power = 2 * np.pi * mean_squares / AIR.impedance
+    np.testing.assert_allclose(losses.sound[part.modes], power, rtol=0.03)
+    expected = 20 * np.log10(1 + part.errors)
+    np.testing.assert_allclose(losses.uncertainty[part.modes], expected)
+    others = np.setdiff1d(np.arange(len(losses.sound)), part.modes)
+    np.testing.assert_array_equal(losses.sound[others], estimated.sound[others])
+    np.testing.assert_array_equal(losses.surface, estimated.surface)
+    halved = shaped(sounding.scaled(0.5)).losses
+    assert halved is not None
+    np.testing.assert_allclose(halved.sound, 2 * losses.sound)
+
+
+def test_a_bottle_decays_in_its_sound_by_material_and_radiation() -> None:
+    profile = [(0, 0), (0.036, 0), (0.036, 0.15), (0.013, 0.21), (0.013, 0.27)]
+    bottle = Revolution(profile=profile, wall=0.003, smooth=False)
+    options = {"accuracy": "preview", "band": (2000, 3000), "recoil": False, "progress": None}
+    pair = struck.analyze(bottle, "glass", **options, radiation="field")
+    material = struck.analyze(bottle, "glass", **options, air=False).decays
+    directions, weights = sphere_rule(8)
+    places = pair.centre + 30.0 * directions
+    squares = np.square(30.0 * np.abs(pair.gains.toward(places)[:, 0]))
+    sound = 2 * np.pi * (weights @ squares / weights.sum()) / AIR.impedance
+    assert len(sound) == 2  # two ovals at right angles, of one frequency
+    assert np.all(sound > material)
+    blow = struck.Strike(at="rim", striker="wood", speed=1.0)
+    samples = struck.render(pair, blow, seconds=1.0, fade=0, listener=places[0]).samples[0]
+    # Schroeder's integral, from -5 to -35 dB.
+    remaining = np.cumsum(np.square(samples[::-1].astype(float)))[::-1]
+    levels = 10 * np.log10(remaining / remaining[0])
+    start, end = np.argmax(levels < -5), np.argmax(levels < -35)
+    rate = (levels[start] - levels[end]) * 48_000 / (end - start) / (20 * np.log10(np.e))
+    np.testing.assert_allclose(rate, material + sound, rtol=0.05)

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 import struck
-from struck.model.gains import Gains
+from struck.model.gains import Gains, ShapeGains
 from struck.model.material import Material
 from struck.model.model import ModalModel
 from struck.model.provenance import Provenance
+from struck.model.radiation_efficiency import known_losses
 from struck.model.survey import Survey, from_spherical
 from struck.model.timbre_field import TimbreField
 from struck.model.timbre_table import SinglePoint, TimbreTable
-from struck.radiation.radiated_power import decays_by_sound
 from struck.report.charts import overview
 from struck.report.model_page import summary
-from struck.shapes import RectangularPlate
+from struck.shapes import Bar, RectangularPlate
 
 HEIGHTS = np.array([[0.2], [0.5], [0.9]])
 FREQUENCIES = np.array([200.0, 300.0])
@@ -45,6 +45,11 @@ def survey(second: float = 0.0, **given: object) -> Survey:
     gains = drives[:, None] * outputs + 0j
     gains[:, :, 1] += second * np.outer([1.0, -1.0, 1.0], [1.0, -1.0, 1.0, -1.0, 0.0])
     return Survey.full(HEIGHTS, AROUND, gains, FREQUENCIES, **given)
+
+
+def sound_decays(gains: Gains) -> np.ndarray:
+    assert isinstance(gains, ShapeGains)
+    return known_losses(gains).sound
 
 
 def line(lines: list[str], begin: str) -> str:
@@ -134,24 +139,34 @@ def test_losses_to_the_air_are_those_of_a_plate_that_radiates_from_both_sides() 
     plate = RectangularPlate(length=0.5, width=0.4, thickness=0.01)
     model = struck.analyze(plate, "steel", band=(20, 9000))
     high = model.frequencies > 5000  # coincidence is at 1.2 kHz
-    assert np.median(decays_by_sound(model.gains)[high]) == pytest.approx(413.3 / 78.5, rel=0.1)
+    assert np.median(sound_decays(model.gains)[high]) == pytest.approx(413.3 / 78.5, rel=0.1)
     (line,) = [each for each in summary(model) if each.startswith("air")]
     at, both, alone = map(
-        float, re.findall(r"as ([\d.]+) Hz \(([\d.]+) s in .* of ([\d.]+)", line)[0]
+        float, re.findall(r"as ([\d.]+) Hz \(T60 ([\d.]+) s, without air ([\d.]+) s", line)[0]
     )
     mode = np.argmin(np.abs(model.frequencies - at))
-    assert alone == pytest.approx(np.log(1000) / model.decays[mode], rel=0.05)
-    assert both < alone / 2
+    assert both == pytest.approx(model.t60[mode], rel=0.05)
+    material = model.decays[mode] - model.air_decays[mode]
+    assert alone == pytest.approx(np.log(1000) / material, rel=0.05)
+    assert both <= alone / 2  # both are rounded
+    (line,) = [each for each in summary(model) if each.startswith("gains")]
+    assert re.search(r"efficiency .* to 1\.\d+, half below .*, 0\.5 from about \d+ Hz", line)
+    without = struck.analyze(plate, "steel", band=(20, 9000), air=False)
+    (line,) = [each for each in summary(without) if each.startswith("air")]
+    assert line.startswith("air       T60 leaves out what the sound itself takes: ")
     lossless = Material(density=7850.0, youngs_modulus=2e11, poisson_ratio=0.29)
     endless = summary(struck.analyze(plate, lossless, band=(20, 2000)))
-    assert any(each.endswith(" s in place of endless)") for each in endless)
+    assert any("without air endless)" in each for each in endless)
+    bar = struck.analyze(Bar(length=0.3, width=0.03, thickness=0.02), "abs")
+    (line,) = [each for each in summary(bar) if each.startswith("air")]
+    assert re.match(r"air       T60 contains the losses to the air, at most [\d.]+ %$", line)
 
 
 def test_losses_to_the_air_of_a_body_of_many_metres_are_those_of_one_of_metres() -> None:
     long = RectangularPlate(length=20, width=20, thickness=0.4)
     short = RectangularPlate(length=0.5, width=0.5, thickness=0.01)
     rates = [
-        decays_by_sound(struck.analyze(plate, "steel", band=(1, highest)).gains)
+        sound_decays(struck.analyze(plate, "steel", band=(1, highest)).gains)
         for plate, highest in ((long, 75), (short, 3000))
     ]
     assert np.sort(rates[0]) * 40 == pytest.approx(np.sort(rates[1]), rel=1e-6)

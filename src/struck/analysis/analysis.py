@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from struck.analysis.cached_steps import Stage, Stages, holding
 from struck.analysis.discretisation import Discretisation, Elements, FileOptions, discretise
+from struck.analysis.fluid_options import FluidOptions
 from struck.analysis.source_options import Source, is_shape, require_applicable
 from struck.core import machine
 from struck.core.machine import in_few_threads
@@ -108,7 +109,11 @@ def analyze(
     band: Band | None = None,
     damping: str = "own",
     radiation: str = "power",
+    air: bool = True,
     recoil: bool = True,
+    filled: float | None = None,
+    immersed: float | None = None,
+    air_mass: bool = False,
     modes: int | None = None,
     method: str | None = None,
     backend: str | None = None,
@@ -163,9 +168,24 @@ def analyze(
         How gains are computed. "power": radiated power of each mode, gains in Pa/(N s). "field":
         the same with directivity, by boundary elements, which takes minutes (see
         `ModalModel.radiating`). The other two are those of the papers; their gains are relative.
+    air : bool, default True
+        Include the losses to the air in the decay rates: radiated sound, and friction and heat
+        conduction at the surface. The methods and radiation laws of the papers never include them,
+        and damping "heard" contains them.
     recoil : bool, default True
         Include the sound of a free body that is accelerated as a whole. The methods of the papers
         never include it.
+    filled : float, optional
+        Level of the water inside a vessel, m: a height along the axis that points up, in
+        coordinates of the body. Default: empty. Other liquids: `struck.radiation.fill`.
+    immersed : float, optional
+        Level of the water outside, m, as `filled`, or ``math.inf`` for a body far below the
+        surface. Default: none. Flat plates in a wall, other liquids: `struck.radiation.immerse`.
+    air_mass : bool, default False
+        Include the mass of the air that a membrane or thin plate moves, which lowers its
+        frequencies, in free air on both sides. By default, `provenance.dropped` states an estimate
+        if this lowers the lowest mode by more than 1 %. In a wall or over a kettle:
+        `struck.radiation.add_air_mass`.
     modes : int, optional
         Keep only this many modes, those that are loudest over all contacts. `provenance` reports
         the audible difference, dB.
@@ -194,7 +214,8 @@ def analyze(
     MaterialError
         If the material is unknown or its constants are out of range.
     OptionError
-        If an option is unknown, out of range or does not apply to this body.
+        If an option is unknown, out of range or does not apply to this body, such as a level that
+        a vessel does not hold.
     FileFormatError
         If the file is missing, damaged or of an unknown format.
     SolverError
@@ -229,10 +250,12 @@ def analyze(
     if chosen.doubt:
         warnings.warn(chosen.doubt, ScaleWarning, stacklevel=3)
     limits = require_band(BAND if band is None else band)  # before any file
+    fluid = FluidOptions(inner_level=filled, outer_level=immersed, air_mass=air_mass)
     resolution.level(accuracy or "standard")
     require_holes(holes, wall)
     radiation_model = by_name(radiation)
-    recoil = recoil and radiation_model.calibrated  # the papers' own radiation_models have none
+    # The papers' own laws of radiation have neither.
+    recoil, air = recoil and radiation_model.calibrated, air and radiation_model.calibrated
     file = FileOptions(units=units, size=size, part=part, up=up)
     formula = is_shape(body) and method in {None, "formula"}
     if is_shape(body) and not formula:
@@ -245,7 +268,7 @@ def analyze(
     )
     if is_shape(body) and formula:
         recoil = recoil and not body.supported
-        model = _by_formula(body, chosen, radiation_model, limits, progress, recoil=recoil)
+        model = _by_formula(body, chosen, radiation_model, limits, progress, air=air, recoil=recoil)
     else:
         model = _by_elements(
             body,
@@ -256,11 +279,13 @@ def analyze(
             fixed=fixed,
             chosen_band=band is not None,
             radiation=radiation,
+            air=air,
             recoil=recoil,
             method="quadratic" if method is None or method == "fem" else method,
             backend=backend or "auto",
             stages=Stages(cache=opened(choice=cache), progress=progress),
         )
+    model = fluid.load(model)
     if with_field:
         model = radiating(model, limits, cache=cache, progress=progress)
     if modes is not None:
@@ -281,6 +306,7 @@ def _by_elements(
     fixed: Fixed | None,
     chosen_band: bool,
     radiation: str,
+    air: bool,
     recoil: bool,
     method: str,
     backend: str,
@@ -293,7 +319,7 @@ def _by_elements(
         fixed = _choose_fixed(fixed, body.fixed)
     lowest, highest = band
     solver = _solver(method, backend)
-    recoil = recoil and method == "quadratic" and fixed is None
+    air, recoil = air and method == "quadratic", recoil and method == "quadratic" and fixed is None
     stages.progress("cutting the body into elements", 0.0)
     source = discretise(body, file, stages, **options)
     coarser_levels = resolution.coarser(getattr(source, "accuracy", "preview"))
@@ -305,6 +331,7 @@ def _by_elements(
         fixed=fixed,
         method=method,
         solver=solver,
+        air=air,
         recoils=recoil,
     )
     work.require_scale(source, asked=chosen_band)
@@ -349,6 +376,7 @@ def _by_formula(
     band: tuple[float, float],
     progress: Progress,
     *,
+    air: bool,
     recoil: bool,
 ) -> ModalModel:
     """Return the model of a shape."""
@@ -362,6 +390,7 @@ def _by_formula(
         lowest=band[0],
         places={**places_of(modes.surface), **shape.places},
         playing_place=shape.playing_place,
+        air=air,
     )
     return _recoiling(model) if recoil else model
 
@@ -382,6 +411,7 @@ class _Work:
     fixed: Fixed | None
     method: str
     solver: Solver
+    air: bool
     recoils: bool
 
     def require_scale(self, source: Discretisation, *, asked: bool) -> None:
@@ -483,6 +513,7 @@ class _Work:
                 lowest=lowest,
                 places=places,
                 playing_place=playing,
+                air=self.air,
             ),
             modes=modes,
             material=self.material,
@@ -490,6 +521,7 @@ class _Work:
             lowest=lowest,
             places=places,
             playing_place=playing,
+            air=self.air,
         )
 
     def _coarse(self, source: Discretisation) -> tuple[Elements | None, Modes | None]:
@@ -602,6 +634,7 @@ def model_of_modes(
     inertia: ArrayLike,
     complete_to: float = 0.0,
     radiation: Radiation | None = None,
+    air: bool = True,
     places: Mapping[str, Array] | None = None,
     method: str = "modes of another program",
     up: str = "z",
@@ -630,6 +663,8 @@ def model_of_modes(
         Frequency below which no mode is missing, Hz.
     radiation : Radiation, optional
         Estimate of the radiated sound. Default: the radiated power.
+    air : bool, default True
+        Include the losses to the air in the decay rates.
     places : mapping of str to array (3,), optional
         Contacts by name, m.
     method : str, default "modes of another program"
@@ -672,7 +707,7 @@ def model_of_modes(
         provenance=Provenance(method=method),
     )
     radiation = radiation or by_name("power")
-    return ModalModel.of(modes, material, radiation=radiation, lowest=0.0, places=places)
+    return ModalModel.of(modes, material, radiation=radiation, lowest=0.0, places=places, air=air)
 
 
 def _array_of_shape(name: str, values: ArrayLike, *shape: int) -> Array:

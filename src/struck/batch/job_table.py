@@ -236,10 +236,11 @@ def _box(value: Any) -> Any:  # noqa: ANN401
 
 # How the cells of a CSV table are read, by the name of their column.
 _READ: Mapping[str, Callable[[Any], Any]] = {
-    **dict.fromkeys(("size", "wall", "repair_seconds"), float),
+    **dict.fromkeys(("size", "wall", "repair_seconds", "filled", "immersed"), float),
     "modes": _count,
     **dict.fromkeys(
-        ("repair", "recoil"), lambda value: {"true": True, "false": False}[str(value).lower()]
+        ("air", "repair", "recoil", "air_mass"),
+        lambda value: {"true": True, "false": False}[str(value).lower()],
     ),
     "band": lambda value: require_band(_cells(value)),
     "fixed": _box,

@@ -20,6 +20,7 @@ from struck.cli.options import (
     arguments_of,
     body_named,
     length,
+    level,
     makers,
     material_of,
     metres,
@@ -35,6 +36,18 @@ EXAMPLES = (
     "bell.stl --material bronze --units mm -o bell.struck",
     "bar:length=30cm,width=3cm,thickness=5mm --material steel -o bar.struck",
     "--list",
+)
+
+
+_SOUND_OPTIONS = (
+    "radiation",
+    "air",
+    "recoil",
+    "filled",
+    "immersed",
+    "air_mass",
+    "method",
+    "damping",
 )
 
 
@@ -109,10 +122,29 @@ def add_how(parser: argparse.ArgumentParser) -> None:
         help="model of radiation: power (default), field, obrien2002 or heuristic1998",
     )
     parser.add_argument(
+        "--no-air",
+        dest="air",
+        action="store_false",
+        help="leave the losses to the air out of the decay rates",
+    )
+    parser.add_argument(
         "--no-recoil",
         dest="recoil",
         action="store_false",
         help="leave out the sound of a free body that is accelerated as a whole",
+    )
+    parser.add_argument(
+        "--filled", type=length, help="level of the water inside a vessel, m; default: empty"
+    )
+    parser.add_argument(
+        "--immersed",
+        type=level,
+        help="level of the water outside, m, or inf without a surface; default: none",
+    )
+    parser.add_argument(
+        "--air-mass",
+        action="store_true",
+        help="include the mass of the air that a membrane or thin plate moves",
     )
     parser.add_argument(
         "--method",
@@ -178,8 +210,5 @@ def analysis_options(options: argparse.Namespace) -> dict[str, Any]:
         "cache",
         "band",
     )
-    surface_options = {
-        name: getattr(options, name)
-        for name in (*option_names, "radiation", "recoil", "method", "damping")
-    }
+    surface_options = {name: getattr(options, name) for name in (*option_names, *_SOUND_OPTIONS)}
     return surface_options | {"fixed": options.fixed and (options.fixed[:3], options.fixed[3:])}

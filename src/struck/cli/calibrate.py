@@ -50,8 +50,9 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
     density = material.density if options.density is None else options.density
     replace(material, density=density)  # refuses what no solid has
     fitted = _fit_recordings(options.recordings, progress)
-    calibration = replace(calibrated(fitted, model, size_error=options.size_error), density=density)
-    lines = [*calibration.summary(), f"--material {_as_argument(calibration)}"]
+    calibration = calibrated(fitted, model, size_error=options.size_error).of_density(density)
+    flag = " --no-air" if calibration.air is None else ""  # its losses are in the damping
+    lines = [*calibration.summary(), f"--material {_as_argument(calibration)}{flag}"]
     if not 0.1 < (times := density / material.density) < 10:
         lines.insert(
             0,
@@ -64,6 +65,7 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         lines.append(f"wrote {output}")
         facts["corrected"] = str(output)
     stiffness, ratio = calibration.standard_errors
+    damping_error = float(np.median(calibration.damping_errors))
     return Result(
         lines,
         specific_stiffness=calibration.specific_stiffness,
@@ -72,6 +74,10 @@ def run(options: argparse.Namespace, progress: TerminalProgress) -> Result:
         poisson_ratio_error=ratio,
         damping=calibration.losses.name,
         damping_coefficients=dict(calibration.losses.coefficients),
+        damping_error=damping_error if np.isfinite(damping_error) else None,
+        air_fraction=None
+        if calibration.air is None
+        else float(np.median(calibration.air_fractions)),
         pairs=len(calibration.pairing),
         **facts,
     )

@@ -15,7 +15,7 @@ from struck.cli import Result
 from struck.cli.options import budget, refuse
 from struck.errors import counted, rounded
 from struck.files.recognition import recognise
-from struck.model.html import HEADINGS, aligned, modes_rows
+from struck.model.html import aligned, headings, modes_rows
 from struck.model.model import LOUDEST
 from struck.model.provenance import TerminalProgress
 
@@ -171,7 +171,7 @@ def describe_model(
 
     Lines show its first modes, facts all of them or the number `listed`; `whole` shows all in both.
     """
-    from struck.report.model_page import summary
+    from struck.report.model_page import known_power, summary
 
     object_modes = np.flatnonzero(model.of_object)
     reported_modes = np.arange(len(model.decays)) if listed is None else object_modes[:listed]
@@ -181,21 +181,26 @@ def describe_model(
         else object_modes[: LISTED_MODES if listed is None else listed]
     )
     mode_errors = np.full(len(model.decays), np.nan) if model.errors is None else model.errors
-    rows = modes_rows(
-        model.frequencies[table_modes],
-        model.t60[table_modes],
-        model.decays[table_modes],
-        mode_errors[table_modes],
-    )
+    rows = [headings(model), *modes_rows(model, table_modes)]
+    power = known_power(model)
+    efficiencies = None if power is None else power.efficiencies
+    if efficiencies is not None:
+        column = ("radiation efficiency", *(rounded(e, 2) for e in efficiencies[table_modes]))
+        rows = [(*row, cell) for row, cell in zip(rows, column, strict=True)]
     left = len(object_modes) - len(table_modes)
     remark = [f"... and {left} more: struck info MODEL --modes {len(object_modes)}"] if left else []
-    blocks = [*places, *([""] if places else []), *aligned([HEADINGS, *rows]), *remark]
+    blocks = [*places, *([""] if places else []), *aligned(rows), *remark]
     blocks += [] if whole else ["how it was made: struck info MODEL --all"]
     lines = [item for item in summary(model, whole=whole) if not (places and item[:6] == "places")]
     return Result(
         [*lines, "", *blocks, *last],
         frequencies=model.frequencies[reported_modes].tolist(),
         decays=model.decays[reported_modes].tolist(),
+        decay_bounds=model.decay_bounds
+        and [b[reported_modes].tolist() for b in model.decay_bounds],
+        radiation_efficiencies=None
+        if efficiencies is None
+        else efficiencies[reported_modes].tolist(),
         errors=None if model.errors is None else or_null(mode_errors[reported_modes]),
         complete_to=model.complete_to,
         mass=model.mass,

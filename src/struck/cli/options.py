@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
@@ -78,6 +79,11 @@ def length(text: str) -> float:
         return metres(text)
     known = ", ".join(UNITS)
     raise argparse.ArgumentTypeError(f"it is {text!r}: give a length in m, or in {known}, as 5cm")
+
+
+def level(text: str) -> float:
+    """Return the value of an option that is a height, m, or infinite."""
+    return math.inf if text.strip() == "inf" else length(text)
 
 
 def budget(text: str) -> int | None:

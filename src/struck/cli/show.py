@@ -30,6 +30,7 @@ EXAMPLES = (
     "bell.struck --modes 9",
     "plate.struck --nodal-lines 9",
     "bell.struck --field brightness",
+    "bell.struck --energy",
     "plan.toml --pitch 0.3",
 )
 
@@ -58,6 +59,11 @@ def declare(parser: argparse.ArgumentParser) -> None:
         help="draw the nodal lines of the first N modes",
     )
     parser.add_argument(
+        "--energy",
+        action="store_true",
+        help="draw the radiation efficiency of the modes, and the energy that they lose as sound",
+    )
+    parser.add_argument(
         "--pitch",
         type=length,
         help="metres per unit of the contacts of a plan, if their names give no unit",
@@ -73,7 +79,7 @@ def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
         kind="pictures",
     )
     planned = Path(options.model).suffix == ".toml"
-    others = ("field", "strike", "modes", "nodal_lines") if planned else ("pitch",)
+    others = ("field", "strike", "modes", "nodal_lines", "energy") if planned else ("pitch",)
     refuse(options, others, f"is for a {'model' if planned else 'plan'}: give one")
     if planned:
         save(_planned(options.model, options.pitch), output)
@@ -87,6 +93,7 @@ def run(options: argparse.Namespace, _progress: TerminalProgress) -> Result:
         strike=strike,
         modes=options.modes,
         nodal_lines=options.nodal_lines,
+        energy=options.energy,
     )
     return Result(f"wrote {output}", output=str(output))
 

@@ -19,6 +19,7 @@ from struck.model.arrays import Array, checked, require_number
 from struck.model.provenance import table_of
 
 _MIN_HEIGHTS, _MAX_HEIGHTS = 16, 1 << 18
+_MIN_RMS = 1e-13  # m: a thousandth of an atom; squares of far smaller heights are 0
 _MIN_SLOPE, _MAX_SLOPE = -4.0, -1.2  # slopes
 _MAX_WAVE_RATIO = 1e5  # times that the longest wave may exceed the shortest
 _WAVES_PER_LENGTH = 16  # shortest waves per correlation length, by default
@@ -92,7 +93,7 @@ class Roughness:
     source: str = ""
 
     def __post_init__(self) -> None:
-        require_number("rms", self.rms, 0.0, 1e-2, above=True)
+        require_number("rms", self.rms, _MIN_RMS, 1e-2)
         require_number("correlation_length", self.correlation_length, 1e-8, 1.0)
         require_number("slope", self.slope, _MIN_SLOPE, _MAX_SLOPE)
         require_number("waviness", self.waviness, 0.0, 1e-1)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from struck.errors import OptionError, require_choice, rounded
+from struck.errors import OptionError, require_choice
 from struck.excitation.excitation import (
     Burst,
     freeze_place,
@@ -22,7 +21,7 @@ from struck.excitation.hertz import (
     joint_mass,
 )
 from struck.excitation.pulses import SPECTRA, Samples, sampled
-from struck.model.arrays import Array, checked
+from struck.model.arrays import checked
 from struck.model.contact import Contact, Place
 from struck.model.model import ModalModel
 
@@ -147,6 +146,26 @@ class Strike:
                 f"striker={_DEFAULT_STRIKER!r}, or give impulse= in N s instead"
             )
 
+    @property
+    def has_closed_form(self) -> bool:
+        """Whether it is a half-sine at a point, which has a closed form."""
+        return self.shape == "half-sine" and not self.patch and not self.transient
+
+    def is_ideal(self, model: ModalModel) -> bool:
+        """Return whether it is an impulse without duration on a model.
+
+        Parameters
+        ----------
+        model : ModalModel
+            Model of the body.
+
+        Returns
+        -------
+        bool
+            True for a duration of 0.
+        """
+        return not self.resolved(model, model.contact(self.at, self.direction)).duration
+
     def resolved(self, model: ModalModel, contact: Contact) -> Blow:
         """Compute impulse and duration of the strike on a model.
 
@@ -185,6 +204,29 @@ class Strike:
             modulus = contact_modulus(*solids)
             duration = contact_time(mass=mass, radius=striker.radius, modulus=modulus, speed=speed)
         return Blow(impulse=gain * speed, duration=duration)
+
+    def striker_energy(self, model: ModalModel, contact: Contact) -> float | None:
+        """Compute the kinetic energy of the striker at the first contact.
+
+        Parameters
+        ----------
+        model : ModalModel
+            Model of the body.
+        contact : Contact
+            Contact on the body.
+
+        Returns
+        -------
+        float or None
+            Energy, J; None if an impulse is given without a striker, or the strike is the one that
+            was recorded.
+        """
+        is_recorded = not model.gains.of_surface and self.speed is None and self.energy is None
+        if self.striker is None and (self.impulse is not None or is_recorded):
+            return None
+        striker = Striker.named(self.striker or _DEFAULT_STRIKER)
+        gain = _mass_in_contact(striker, model, contact) * (1 + striker.restitution)
+        return striker.mass / 2 * (self.resolved(model, contact).impulse / gain) ** 2
 
     def begin(self, model: ModalModel, sample_rate: float, *, start: int = 0) -> Burst:
         """Begin the excitation on a model.
@@ -274,39 +316,6 @@ def residual_of(strike: Strike, model: ModalModel, sample_rate: float) -> Sample
     return Samples(first=pulse.first, force=convolved_samples)
 
 
-def note_yielding(
-    strikes: Sequence[Strike],
-    blows: Sequence[Blow],
-    contacts: Sequence[Contact],
-    model: ModalModel,
-    drives: Array,
-) -> str:
-    """Return a note of blows that bring less energy than they leave in the modes.
-
-    `drives` (K, M), kg^-1/2, are those of the modes at each contact. Hertz's blow meets a rigid
-    body; a light one yields while it is touched, and takes less.
-    """
-    energy_ratios = [0.0]
-    for strike, blow, contact, drive in zip(strikes, blows, contacts, drives, strict=True):
-        if strike.striker is None and strike.impulse is not None:
-            continue
-        striker = Striker.named(strike.striker or _DEFAULT_STRIKER)
-        gain = _mass_in_contact(striker, model, contact) * (1 + striker.restitution)
-        striker_energy = striker.mass * (blow.impulse / gain) ** 2
-        mode_amplitudes = (
-            blow.impulse * SPECTRA[strike.shape](model.frequencies * blow.duration) * drive
-        )
-        energy_ratios.append(float(np.vdot(mode_amplitudes, mode_amplitudes)) / striker_energy)
-    max_ratio, count = max(energy_ratios), sum(ratio > 1 for ratio in energy_ratios)
-    note = (
-        f"{count} of {len(strikes)} strikes leave up to {rounded(max_ratio, 2)} times the "
-        "striker's energy in the modes: the body is too light to stay at rest under the blow, and "
-        f"would sound at least {10 * np.log10(max(max_ratio, 1.0)):.1f} dB softer; take a lighter "
-        "or a softer striker"
-    )
-    return note if count else ""
-
-
 def _add_samples(samples_a: Samples, samples_b: Samples) -> Samples:
     first = min(samples_a.first, samples_b.first)
     force = np.zeros(max(part.first + len(part.force) for part in (samples_a, samples_b)) - first)
@@ -316,14 +325,19 @@ def _add_samples(samples_a: Samples, samples_b: Samples) -> Samples:
     return Samples(first=first, force=force)
 
 
-def _mass_in_contact(striker: Striker, model: ModalModel, contact: Contact) -> float:
+def find_rigid_mass(model: ModalModel, contact: Contact) -> float:
+    """Return the mass that a body shows to a push, kg; infinite if it is held or unknown."""
     if model.supported or model.mass is None or model.centre is None or model.inertia is None:
-        return striker.mass
-    body = effective_mass(
+        return np.inf
+    return effective_mass(
         mass=model.mass,
         centre=model.centre,
         inertia=model.inertia,
         point=contact.point,
         direction=contact.direction,
     )
-    return joint_mass(striker.mass, body)
+
+
+def _mass_in_contact(striker: Striker, model: ModalModel, contact: Contact) -> float:
+    body = find_rigid_mass(model, contact)
+    return striker.mass if np.isinf(body) else joint_mass(striker.mass, body)

@@ -10,9 +10,17 @@ import numpy as np
 
 from struck.errors import ContactError, MaterialError, OptionError, StruckError, rounded
 from struck.excitation.strike import Strike
+from struck.model.air_losses import AirLosses
 from struck.model.arrays import Array, Complex, Index
 from struck.model.contact import Place
-from struck.model.damping import Damping, Each, InternalFriction, Rayleigh
+from struck.model.damping import (
+    Damping,
+    Each,
+    InternalFriction,
+    Rayleigh,
+    contains_air,
+    ringing,
+)
 from struck.model.gains import ShapeGains
 from struck.model.material import Material, materials
 from struck.model.mesh import Mesh
@@ -182,12 +190,13 @@ def _law(model: ModalModel, losses: float) -> Damping:
     """Return a law of damping by which a model loses `losses` times as much."""
     law = None if model.material is None else model.material.damping
     if isinstance(law, Rayleigh):
-        return Rayleigh(mass=law.mass * losses, stiffness=law.stiffness * losses)
+        factors = {"mass": law.mass * losses, "stiffness": law.stiffness * losses}
+        return replace(law, **factors, external=law.external * losses)
     if isinstance(law, InternalFriction):
-        return InternalFriction(
-            loss_tangent=law.loss_tangent * losses, external=law.external * losses
-        )
-    return Each(rates=model.decays * losses)
+        factors = {"loss_tangent": law.loss_tangent * losses}
+        return replace(law, **factors, external=law.external * losses)
+    rates = model.decays if law is None else law.decays(model.natural_frequencies)
+    return Each(rates=rates * losses, contains_air=law is None or contains_air(law))
 
 
 def _number(name: str, value: object, min_value: float, max_value: float) -> float:
@@ -202,7 +211,7 @@ def _number(name: str, value: object, min_value: float, max_value: float) -> flo
     return float(value)
 
 
-def _outputs(
+def _radiation(
     model: ModalModel,
     changed_model: ModalModel,
     mode_numbers: Index,
@@ -210,19 +219,21 @@ def _outputs(
     density: float,
     *,
     quick: bool,
-) -> tuple[Complex, bool]:
-    """Return the outputs of a changed model (M,), and whether they are final."""
-    outputs = getattr(model.gains, "outputs", None)
+) -> tuple[Complex, AirLosses | None, bool]:
+    """Return outputs of a changed model (M,), its losses to the air, and whether both are final."""
+    gains = model.gains
+    outputs = getattr(gains, "outputs", None)
     if outputs is None:
         raise MaterialError("bodies with a recorded timbre field cannot be changed in the page")
     # A body of another size has the same waves around it, all lengths and periods in proportion:
     # for the same velocity of its skin the pressure at 1 m goes with its size.
     frequencies = model.natural_frequencies[mode_numbers]
     is_scaled = np.allclose(changed_model.natural_frequencies * size, frequencies, rtol=1e-9)
-    if isinstance(model.gains, ShapeGains) and (is_scaled or quick):
-        return outputs[mode_numbers] * (size * _growth(size, density)), is_scaled
-    gains = model.gains.changed(changed_model.natural_frequencies, mode_numbers, size, density)
-    return getattr(gains, "outputs", outputs), True
+    if isinstance(gains, ShapeGains) and (is_scaled or quick):
+        losses = gains.losses and gains.losses.chosen(mode_numbers).scaled(size, density)
+        return outputs[mode_numbers] * (size * _growth(size, density)), losses, is_scaled
+    new_gains = gains.changed(changed_model.natural_frequencies, mode_numbers, size, density)
+    return getattr(new_gains, "outputs", outputs), getattr(new_gains, "losses", None), True
 
 
 def _growth(size: float, density: float) -> float:
@@ -239,15 +250,27 @@ def _changed_facts(
     material, density = changed_model.material, 1.0
     if material is not None and model.material is not None:
         density = material.density / model.material.density
-    outputs, is_final = _outputs(model, changed_model, mode_numbers, size, density, quick=quick)
+    outputs, losses, is_final = _radiation(
+        model, changed_model, mode_numbers, size, density, quick=quick
+    )
+    natural, decays = changed_model.natural_frequencies, changed_model.decays
+    if model.air and losses and material is not None and not contains_air(material.damping):
+        decays = decays + losses.total
+    is_ringing = decays < 2 * np.pi * natural
+    mode_numbers, natural, decays = (
+        mode_numbers[is_ringing],
+        natural[is_ringing],
+        decays[is_ringing],
+    )
+    outputs = outputs[is_ringing]
     is_complete = len(mode_numbers) == len(model.frequencies) and bool(
         (np.diff(mode_numbers) > 0).all()
     )
     return {
         "modes": None if is_complete else mode_numbers.tolist(),
-        "frequencies": changed_model.frequencies.tolist(),
-        "natural_frequencies": changed_model.natural_frequencies.tolist(),
-        "decays": changed_model.decays.tolist(),
+        "frequencies": ringing(natural, decays).tolist(),
+        "natural_frequencies": natural.tolist(),
+        "decays": decays.tolist(),
         "outputs": np.stack([outputs.real, outputs.imag], axis=-1).tolist(),
         "settled": is_final,
         "factor": _growth(size, density),

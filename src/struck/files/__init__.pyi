@@ -4,6 +4,7 @@ from .meshes import list_parts as list_parts
 from .meshes import load_body as load_body
 from .meshes import load_surface as load_surface
 from .meshes import load_volume as load_volume
+from .number_tables import save_table as save_table
 from .sofa_fields import load_sofa_responses as load_sofa_responses
 from .sound import Sound as Sound
 from .sound_set import save_set as save_set

@@ -35,6 +35,7 @@ from struck.files.container import (
 )
 from struck.files.model_schema import require_schema
 from struck.files.recognition import MODELS, explain_not_model, kind_by_name
+from struck.model.air_losses import AirLosses
 from struck.model.arrays import Array, checked, require_numbers
 from struck.model.damping import Damping, InternalFriction, Measured, Rayleigh
 from struck.model.gains import Gains, Radiation, ShapeGains, TransverseShapes
@@ -95,7 +96,10 @@ def _keep_shapes(gains: ShapeGains) -> tuple[dict[str, Any], Arrays]:
         "radiation": _radiation_name(gains.radiation),
         "formula": formula,
     }
-    return text, {_FORMULA + name: array for name, array in arrays.items()}
+    arrays_by_name = {_FORMULA + name: array for name, array in arrays.items()}
+    if gains.losses is not None:
+        arrays_by_name |= {name: getattr(gains.losses, part) for name, part in _LOSSES.items()}
+    return text, arrays_by_name
 
 
 def _radiation_name(radiation: Radiation) -> str:
@@ -119,9 +123,21 @@ def _make_shapes(text: Text, tensors: Tensors, surface: Mesh | None) -> ShapeGai
         centre=np.array(text["centre"], np.float64),
         radiation=by_name(text["radiation"]),
         formula=_formula(text.get("formula"), tensors),
+        losses=_losses(tensors),
     )
     _require_same_shapes(gains)
     return gains
+
+
+def _losses(tensors: Tensors) -> AirLosses | None:
+    """Return the losses to the air in a file; None in older files."""
+    if not tensors.keys() & _LOSSES.keys():
+        return None
+    if missing := sorted(_LOSSES.keys() - tensors.keys()):
+        raise FileFormatError(
+            f"its tensor {missing[0]!r} is missing: write all of {', '.join(_LOSSES)}"
+        )
+    return AirLosses(**{part: tensors[name] for name, part in _LOSSES.items()})
 
 
 def _formula(plain: object, tensors: Tensors) -> TransverseShapes | None:
@@ -184,6 +200,7 @@ def _formulas() -> tuple[type, ...]:
     return (TransverseShapes, *forms)
 
 
+_LOSSES = {"air_sound": "sound", "air_surface": "surface", "air_uncertainty": "uncertainty"}
 # Lengths by letter: M modes, V vertices, F faces.
 _SHAPES = Kind(
     made=ShapeGains,
@@ -192,6 +209,7 @@ _SHAPES = Kind(
         "faces": Tensor("uint32", ("F", 3)),
         "shapes": Tensor("float32", ("V", 3, "M"), "shapes"),
         "outputs": Tensor("float64", ("M", 2), "outputs"),
+        **dict.fromkeys(_LOSSES, Tensor("float64", ("M",), optional=True)),
     },
     keep=_keep_shapes,
     make=_make_shapes,
@@ -560,6 +578,7 @@ def _description(model: ModalModel, surface: Mesh | None, gains: Text) -> dict[s
         "residual": None
         if residual is None
         else {"sample_rate": int(residual.sample_rate), "lead": float(residual.lead)},
+        **({"air": True} if model.air else {}),
         **({} if model.playing_place is None else {"playing_place": model.playing_place}),
         **_recoil_to_json(model.recoil),
         **_chart_to_json(model.chart),
@@ -594,7 +613,10 @@ def _material_to_json(material: Material) -> dict[str, Any]:
         raise FileFormatError(
             f"its damping is {kind}, and files keep {', '.join(_DAMPINGS)} alone: use one of them"
         )
-    return {**asdict(material), "damping": {"kind": kind, **asdict(damping)}}
+    law = {"kind": kind, **asdict(damping)}
+    if damping.contains_air == isinstance(damping, Measured):  # the default of each law
+        del law["contains_air"]
+    return {**asdict(material), "damping": law}
 
 
 def _plain(value: object) -> object:
@@ -624,6 +646,7 @@ def _model(text: Text, tensors: Tensors) -> ModalModel:
         geometry=surface if text["geometry"] == "surface" else None,
         supported=text["supported"],
         tensioned=text.get("tensioned", False),
+        air=text.get("air", False),
         complete_to=text["complete_to"],
         poisson_slopes=tensors.get("poisson_slopes"),
         errors=tensors.get("errors"),

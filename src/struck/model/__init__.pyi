@@ -13,8 +13,10 @@ from .mesh import Mesh as Mesh
 from .model import ModalModel as ModalModel
 from .modes import Modes as Modes
 from .provenance import Provenance as Provenance
+from .radiation_efficiency import RadiationEfficiency as RadiationEfficiency
 from .residual import Residual as Residual
 from .survey import Survey as Survey
+from .third_octaves import NumberTable as NumberTable
 from .timbre_field import TimbreField as TimbreField
 from .timbre_table import SinglePoint as SinglePoint
 from .timbre_table import TimbreTable as TimbreTable

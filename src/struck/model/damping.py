@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import InitVar, dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -20,6 +20,9 @@ _STEPS, _PRECISION = 200, 1e-14
 @runtime_checkable
 class Damping(Protocol):
     """A damping law: the decay rate of each mode as a function of its frequency.
+
+    It may have an attribute `contains_air`: True if its rates contain the losses to the air, which
+    are otherwise added.
 
     Examples
     --------
@@ -54,7 +57,9 @@ class InternalFriction:
     loss_tangent : float
         Tangent of the loss angle phi, constant over frequency: d = pi f tan(phi).
     external : float, default 0.0
-        Decay rate added to every mode by air, support or hand, 1/s.
+        Decay rate added to every mode by support or hand, 1/s.
+    contains_air : bool, default False
+        Whether the law contains the losses to the air, which are then not added.
 
     Raises
     ------
@@ -70,6 +75,7 @@ class InternalFriction:
 
     loss_tangent: float
     external: float = 0.0
+    contains_air: bool = False
 
     def __post_init__(self) -> None:
         _require_at_least_zero(loss_tangent=self.loss_tangent, external=self.external)
@@ -102,7 +108,9 @@ class Rayleigh:
     stiffness : float
         Coefficient of the stiffness matrix, s: alpha_1 of 2002, beta of others.
     external : float, default 0.0
-        Decay rate added to every mode by air, support or hand, 1/s.
+        Decay rate added to every mode by support or hand, 1/s.
+    contains_air : bool, default False
+        Whether the law contains the losses to the air, which are then not added.
 
     Raises
     ------
@@ -118,6 +126,7 @@ class Rayleigh:
     mass: float
     stiffness: float
     external: float = 0.0
+    contains_air: bool = False
 
     def __post_init__(self) -> None:
         _require_at_least_zero(mass=self.mass, stiffness=self.stiffness, external=self.external)
@@ -154,6 +163,9 @@ class Measured:
         Decay rates at these frequencies, 1/s.
     t60 : tuple of float, optional
         Instead of `rates`: times of a decay by 60 dB, s; d = ln 1000 / T60.
+    contains_air : bool, default True
+        Whether the rates contain the losses to the air, as those of a body that was heard do. These
+        are then not added.
 
     Raises
     ------
@@ -171,6 +183,7 @@ class Measured:
     frequencies: tuple[float | str, ...]
     rates: tuple[float, ...] = ()
     t60: InitVar[tuple[float, ...] | None] = None
+    contains_air: bool = True
 
     def __post_init__(self, t60: tuple[float, ...] | None) -> None:
         if t60 is not None:
@@ -218,10 +231,16 @@ class Each:
     """The decay rate of each mode of one body, from any law of damping."""
 
     rates: Array  # (M,), 1/s
+    contains_air: bool = True
 
     def decays(self, frequencies: ArrayLike) -> Array:
         """Return the rates of these M modes, 1/s."""
         return np.broadcast_to(self.rates, np.shape(frequencies))
+
+
+def contains_air(damping: Damping) -> bool:
+    """Return whether a law contains the losses to the air."""
+    return bool(getattr(damping, "contains_air", False))
 
 
 def ringing(natural: ArrayLike, decays: ArrayLike) -> Array:
@@ -230,12 +249,15 @@ def ringing(natural: ArrayLike, decays: ArrayLike) -> Array:
     return np.sqrt(np.maximum(squares, 0.0))
 
 
-def natural_at(frequency: float | str, damping: Damping) -> float:
-    """Return the natural frequency that rings at `frequency`, Hz; MaterialError where none does."""
+def natural_at(frequency: float | str, decay_at: Callable[[float], float]) -> float:
+    """Return the natural frequency that rings at `frequency`, Hz; MaterialError where none does.
+
+    `decay_at` returns the decay rate, 1/s, at a natural frequency, Hz.
+    """
     frequency = hertz("lowest", frequency, error=MaterialError)
     natural = frequency
     for _ in range(_STEPS):
-        decay = float(damping.decays(natural))
+        decay = decay_at(natural)
         better = float(np.hypot(frequency, decay / (2 * np.pi)))
         if abs(better - natural) <= _PRECISION * better:
             return better

@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import ContactError, OptionError
+from struck.model.air_losses import AirLosses, group_means
 from struck.model.arrays import Array, Complex, Index, Single, brief, require_numbers
+from struck.model.material import Air
 from struck.model.mesh import Mesh, Surface, barycentric, in_space
 from struck.model.provenance import Progress
 
@@ -70,6 +72,7 @@ class TransverseShapes:
 
 # Modes closer than this share of their frequency count as turned copies of one another.
 _SHARED = 1e-3
+_TWIN_RATIO = 1e-6  # relative difference of frequencies up to which modes count as of one frequency
 _FEW = 4  # pushes for which the core need not be loaded
 
 
@@ -88,6 +91,30 @@ class Radiation(Protocol):
         self, surface: Mesh, shapes: NDArray[np.floating], frequencies: Array, centre: Array
     ) -> Complex:
         """Return the pressure at 1 m for unit modal velocity, Pa/(kg^1/2 m/s) or relative (M,)."""
+        ...
+
+
+@runtime_checkable
+class LossyRadiation(Protocol):
+    """A law of radiation that also computes what the air takes from each mode."""
+
+    def radiation(
+        self, surface: Mesh, shapes: NDArray[np.floating], frequencies: Array, centre: Array
+    ) -> tuple[Complex, AirLosses]:
+        """Return the coefficients of `Radiation`, Pa/(kg^1/2 m/s) (M,), and the losses."""
+        ...
+
+
+@runtime_checkable
+class SkinRadiation(Protocol):
+    """A law of radiation from the outer surface of a body into a medium."""
+
+    air: Air
+
+    def skin_motion(
+        self, surface: Mesh, shapes: NDArray[np.floating], centre: Array
+    ) -> tuple[float, Array]:
+        """Return the area, m^2, and the mean squares (M,) of the normal shapes on it, 1/kg."""
         ...
 
 
@@ -357,6 +384,8 @@ class ShapeGains(Gains):
         Estimate that computed `outputs`, used again if frequencies or size change.
     formula : TransverseShapes or None, default None
         Mode shapes in closed form, at any point.
+    losses : AirLosses or None, default None
+        Losses to the air, of a calibrated estimate of radiation.
     """
 
     __repr__ = brief
@@ -366,6 +395,7 @@ class ShapeGains(Gains):
     centre: Array
     radiation: Radiation
     formula: TransverseShapes | None = None
+    losses: AirLosses | None = None
 
     def __post_init__(self) -> None:
         modes = np.shape(self.outputs)[-1:]
@@ -375,6 +405,8 @@ class ShapeGains(Gains):
             ("centre", (3,)),
         ):
             require_numbers(name, getattr(self, name), shape)
+        if self.losses is not None:
+            require_numbers("losses", self.losses.sound, modes)
 
     @classmethod
     def radiating(
@@ -411,15 +443,23 @@ class ShapeGains(Gains):
         # Outputs are those of the shapes as they are stored: of a mode that radiates little,
         # rounding is most of the sum, and a copy or a file of the body must give the same again.
         single_shapes = np.ascontiguousarray(shapes, np.float32)
+        arguments = surface, single_shapes.astype(np.float64), frequencies, centre
+        if isinstance(radiation, LossyRadiation):
+            coefficients, losses = radiation.radiation(*arguments)
+            twins = _twin_groups(np.asarray(frequencies))
+            losses = losses.means(twins)
+            levels = np.sqrt(group_means(twins, np.square(np.abs(coefficients))))
+            outputs = levels * np.exp(1j * np.angle(coefficients))
+        else:
+            outputs, losses = radiation.coefficients(*arguments), None
         return cls(
             surface=surface,
             shapes=single_shapes,
-            outputs=radiation.coefficients(
-                surface, single_shapes.astype(np.float64), frequencies, centre
-            ),
+            outputs=outputs,
             centre=np.asarray(centre, np.float64),
             radiation=radiation,
             formula=formula,
+            losses=losses,
         )
 
     def changed(self, frequencies: Array, modes: Index, size: float, density: float) -> ShapeGains:
@@ -471,10 +511,13 @@ class ShapeGains(Gains):
             outputs=self.outputs * (size * (density * size**3) ** -0.5),
             centre=np.asarray(centre, np.float64),
             formula=formula,
+            losses=None if self.losses is None else self.losses.scaled(size, density),
         )
 
     def weighted(self, modes: Index, factors: Array) -> ShapeGains:
         """Select modes, and multiply their shapes and outputs.
+
+        Losses are those of the modes themselves, whatever their factors.
 
         Parameters
         ----------
@@ -494,6 +537,7 @@ class ShapeGains(Gains):
             shapes=(self.shapes[:, :, modes] * factors).astype(np.float32),
             outputs=self.outputs[modes] * factors,
             formula=None if formula is None else formula.chosen(modes).signed(factors),
+            losses=None if self.losses is None else self.losses.chosen(modes),
         )
 
     def _moving(
@@ -656,6 +700,13 @@ def shapes_along_plainly(
     """Return mode shapes along directions like `shapes_along`, in plain NumPy."""
     weights = barycentric(points[corners], places)
     return np.einsum("kc,kd,kcdm->km", weights, ways, shapes[corners].astype(np.float64))
+
+
+def _twin_groups(frequencies: Array) -> Index:
+    """Return for each mode (M,) the number of its group of modes of one frequency."""
+    # These are turned copies of one another, which radiate the same power; their estimates differ
+    # by their angle to the faces.
+    return np.cumsum(np.diff(frequencies, prepend=-np.inf) > _TWIN_RATIO * frequencies) - 1
 
 
 def quarter_turns(frequencies: Array) -> Complex:

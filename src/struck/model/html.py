@@ -7,17 +7,18 @@ import html
 import io
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from struck.errors import rounded
-from struck.model.arrays import Array
 from struck.model.damping import NAMES
 from struck.model.picture_style import in_default_style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from struck.model.arrays import Array, Index, Mask
 
 # The look of all pages.
 STYLE = """\
@@ -66,6 +67,35 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
+class DecayingModes(Protocol):
+    """Modes of a model, as their table needs them."""
+
+    @property
+    def frequencies(self) -> Array:
+        """Ringing frequencies (M,), Hz."""
+        ...
+
+    @property
+    def decays(self) -> Array:
+        """Decay rates (M,), 1/s."""
+        ...
+
+    @property
+    def t60(self) -> Array:
+        """Times of a decay by 60 dB (M,), s."""
+        ...
+
+    @property
+    def errors(self) -> Array | None:
+        """Relative errors of the frequencies (M,)."""
+        ...
+
+    @property
+    def decay_bounds(self) -> tuple[Array, Array] | None:
+        """Lowest and highest decay rates (M,), 1/s."""
+        ...
+
+
 HEADINGS = ("Hz", "note", "T60 (s)", "Q", "error (%)")
 
 
@@ -81,26 +111,47 @@ def note(frequency: float) -> str:
     return f"{NAMES[nearest % 12]}{nearest // 12 - 1} {round(100 * (semitones - nearest)):+d}"
 
 
-def modes_rows(
-    frequencies: Array, t60: Array, decays: Array, errors: Array | None
-) -> list[tuple[str, ...]]:
-    """Return one row of text for each mode, under `HEADINGS`."""
-    mode_errors = np.full(len(frequencies), np.nan) if errors is None else errors
-    return [
+def modes_rows(model: DecayingModes, modes: Index | Mask) -> list[tuple[str, ...]]:
+    """Return one row of text for each of some modes of a model, under `headings`."""
+    errors = np.full(len(model.decays), np.nan) if model.errors is None else model.errors
+    rows = [
         (
-            f"{f:.2f}",
-            note(f),
-            rounded(t, 3) if d else "endless",
-            rounded(math.pi * f / d, 4) if d else "endless",
-            rounded(100 * e, 2) if np.isfinite(e) else "-",
+            f"{frequency:.2f}",
+            note(frequency),
+            rounded(t60, 3) if decay else "endless",
+            rounded(math.pi * frequency / decay, 4) if decay else "endless",
+            rounded(100 * error, 2) if np.isfinite(error) else "-",
         )
-        for f, t, d, e in zip(frequencies, t60, decays, mode_errors, strict=True)
+        for frequency, t60, decay, error in zip(
+            model.frequencies[modes],
+            model.t60[modes],
+            model.decays[modes],
+            errors[modes],
+            strict=True,
+        )
+    ]
+    if model.decay_bounds is None:
+        return rows
+    low, high = (bound[modes] for bound in model.decay_bounds)
+    return [
+        (*row, f"{_ringing_time(fast)} to {_ringing_time(slow)}")
+        for row, slow, fast in zip(rows, low, high, strict=True)
     ]
 
 
-def modes_table(frequencies: Array, t60: Array, decays: Array, errors: Array | None) -> str:
-    """Return the modes as an HTML table."""
-    return table(HEADINGS, modes_rows(frequencies, t60, decays, errors))
+def _ringing_time(decay: float) -> str:
+    """Return the time of a decay by 60 dB as text, s."""
+    return rounded(math.log(1000) / decay, 2) if decay else "endless"
+
+
+def headings(model: DecayingModes) -> tuple[str, ...]:
+    """Return the headings of `modes_rows`; the last is of uncertain losses to the air."""
+    return HEADINGS if model.decay_bounds is None else (*HEADINGS, "T60 within (s)")
+
+
+def modes_table(model: DecayingModes, modes: Index | Mask) -> str:
+    """Return some modes of a model as an HTML table."""
+    return table(headings(model), modes_rows(model, modes))
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from struck.errors import MaterialError, nearest, require_choice, rounded
+from struck.errors import MaterialError, OptionError, nearest, require_choice, rounded
 from struck.model.arrays import checked, require_number
 from struck.model.damping import Damping, InternalFriction, Rayleigh
 from struck.model.provenance import table_of
@@ -254,16 +254,117 @@ _LARGEST_IN_GPA = 1300.0  # no solid's exceeds it
 @checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Air:
-    """A gas at rest, which carries sound from a body to an ear."""
+    """A gas at rest, which carries sound from a body to an ear.
 
-    density: float  # kg/m^3
-    sound_speed: float  # m/s
+    Parameters
+    ----------
+    density : float
+        Density, kg/m^3.
+    sound_speed : float
+        Speed of sound, m/s.
+    viscosity : float, default 1.8134e-5
+        Dynamic viscosity, Pa s. This default and the next ones are of dry air at 20 degrees
+        Celsius (U.S. Standard Atmosphere, 1976).
+    conductivity : float, default 0.02572
+        Thermal conductivity, W/(m K).
+    heat_capacity : float, default 1004.7
+        Heat capacity at constant pressure, J/(kg K).
+    heat_ratio : float, default 1.4
+        Ratio of the heat capacities at constant pressure and at constant volume, at least 1.
+
+    Raises
+    ------
+    OptionError
+        If a value is not finite, or not above 0.
+
+    Examples
+    --------
+    >>> from struck.model.material import Air
+    >>> cold = Air.at(temperature=253.15)
+    >>> round(cold.density, 3), round(cold.sound_speed, 1)
+    (1.394, 319.0)
+    """
+
+    density: float
+    sound_speed: float
+    viscosity: float = 1.8134e-5
+    conductivity: float = 0.02572
+    heat_capacity: float = 1004.7
+    heat_ratio: float = 1.4
+
+    def __post_init__(self) -> None:
+        for name, unit in (
+            ("density", " kg/m^3"),
+            ("sound_speed", " m/s"),
+            ("viscosity", " Pa s"),
+            ("conductivity", " W/(m K)"),
+            ("heat_capacity", " J/(kg K)"),
+        ):
+            require_number(
+                f"{name} of the air",
+                getattr(self, name),
+                above=True,
+                hint="it must be finite and above 0, as of Air.at(temperature=293.15)",
+                unit=unit,
+            )
+        hint = "it must be at least 1, as 1.4 of air"
+        require_number("heat_ratio of the air", self.heat_ratio, 1.0, hint=hint)
+
+    @classmethod
+    @checked
+    def at(cls, *, temperature: float = 293.15, pressure: float = 101_325.0) -> Air:
+        """Compute the constants of dry air, as an ideal gas.
+
+        Viscosity and conductivity by Sutherland's formulas, as in the U.S. Standard Atmosphere,
+        1976.
+
+        Parameters
+        ----------
+        temperature : float, default 293.15
+            Temperature, K, from 173 to 373.
+        pressure : float, default 101325
+            Pressure, Pa, from 1e3 to 1e6.
+
+        Returns
+        -------
+        Air
+            The air.
+
+        Raises
+        ------
+        OptionError
+            If temperature or pressure are out of range.
+        """
+        for name, value, (minimum, maximum), unit in (
+            ("temperature", temperature, _TEMPERATURES, "K"),
+            ("pressure", pressure, _PRESSURES, "Pa"),
+        ):
+            if not minimum <= value <= maximum:
+                raise OptionError(
+                    f"{name} of the air is {rounded(value)} {unit}, of {rounded(minimum)} to "
+                    f"{rounded(maximum)} {unit}: give it in {unit} (20 degrees Celsius are "
+                    "293.15 K, one atmosphere is 101325 Pa), or all constants, as Air(density=...)"
+                )
+        root = temperature**1.5
+        return cls(
+            density=pressure / (_GAS_CONSTANT * temperature),
+            sound_speed=math.sqrt(_HEAT_RATIO * _GAS_CONSTANT * temperature),
+            viscosity=1.458e-6 * root / (temperature + 110.4),
+            conductivity=2.64638e-3 * root / (temperature + 245.4 * 10 ** (-12 / temperature)),
+            heat_capacity=_GAS_CONSTANT * _HEAT_RATIO / (_HEAT_RATIO - 1),
+            heat_ratio=_HEAT_RATIO,
+        )
 
     @property
     def impedance(self) -> float:
         """Characteristic impedance rho c, Pa s/m."""
         return self.density * self.sound_speed
 
+
+# Bounds within which air is nearly an ideal gas of constant heat capacity, chosen by judgement:
+# -100 to 100 degrees Celsius, a hundredth to ten atmospheres.
+_TEMPERATURES, _PRESSURES = (173.0, 373.0), (1e3, 1e6)  # K, Pa
+_GAS_CONSTANT, _HEAT_RATIO = 287.053, 1.4  # J/(kg K), of dry air: U.S. Standard Atmosphere, 1976
 
 AIR = Air(density=1.2041, sound_speed=343.21)  # dry, at 20 degrees Celsius and 101.325 kPa
 
@@ -320,6 +421,8 @@ def _from_entry(name: str, entry: Mapping[str, Any], damping: str) -> Material:
         density=entry["density"],
         youngs_modulus=entry["youngs_modulus"],
         poisson_ratio=entry["poisson_ratio"],
-        damping=internal_friction if damping == "own" else Rayleigh(**entry[damping]),
+        damping=internal_friction
+        if damping == "own"
+        else Rayleigh(**entry[damping], contains_air=True),
         source=entry["source"],
     )

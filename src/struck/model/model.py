@@ -20,7 +20,15 @@ from struck.errors import (
 )
 from struck.model.arrays import Array, Index, Mask, checked, require_number, require_numbers
 from struck.model.contact import Contact, Place, located, nearest_contacts
-from struck.model.damping import Band, Damping, Each, natural_at, require_band, ringing
+from struck.model.damping import (
+    Band,
+    Damping,
+    Each,
+    contains_air,
+    natural_at,
+    require_band,
+    ringing,
+)
 from struck.model.gains import (
     ExpandedGains,
     FieldRadiation,
@@ -38,6 +46,7 @@ from struck.model.recoil import Recoil
 
 if TYPE_CHECKING:
     from struck.model.chart import Chart
+    from struck.model.radiation_efficiency import RadiationEfficiency
     from struck.model.residual import Residual
 
 XYZ = ("x (m)", "y (m)", "z (m)")
@@ -57,6 +66,7 @@ _LOST_FIELD = (
 )
 LOUDEST = "loudest"  # a place that every model has
 _MAX_LISTED_MODES = 12  # modes that a note lists
+_CONSTANTS = ("density", "youngs_modulus", "poisson_ratio")  # of a material, without damping
 _RINGING = ("frequencies", "natural_frequencies", "decays")
 _OTHERS = ("blow", "vague")  # details of a fit: indices of modes that are not the object's
 _MAX_MODE = 2**32 - 1  # index of a mode, as in the schema of model files
@@ -91,6 +101,9 @@ class ModalModel:
         Whether the body is clamped or supported somewhere.
     tensioned : bool, default False
         Whether tension, not its stiffness, is the restoring force.
+    air : bool, default False
+        Whether `decays` contain the losses to the air, `air_decays`, in addition to those of the
+        damping law. Nothing is added to a law that contains them already.
     complete_to : float
         Frequency below which no mode is missing, Hz.
     poisson_slopes : array (M,) or None, default None
@@ -127,7 +140,7 @@ class ModalModel:
     >>> model.frequencies[:3].round(1)
     array([ 288. ,  792.3, 1549. ])
     >>> model.t60[:2].round(1)
-    array([38.2, 13.9])
+    array([37. , 13.6])
     >>> model.contact("end").point.round(3)
     array([0.297, 0.   , 0.002])
     >>> model.made_of("aluminium").frequencies[:3].round(1)
@@ -145,6 +158,7 @@ class ModalModel:
     geometry: Mesh | None = None
     supported: bool = False
     tensioned: bool = False
+    air: bool = False
     complete_to: float
     poisson_slopes: Array | None = None
     errors: Array | None = None
@@ -173,6 +187,7 @@ class ModalModel:
         lowest: float = 20.0,
         places: Mapping[str, Array] | None = None,
         playing_place: str | None = None,
+        air: bool = True,
     ) -> ModalModel:
         """Make a model of undamped modes.
 
@@ -192,6 +207,8 @@ class ModalModel:
             Contacts by name, m.
         playing_place : str, optional
             Name of the default contact.
+        air : bool, default True
+            Whether decay rates contain the losses to the air, where the radiation gives them.
 
         Returns
         -------
@@ -217,6 +234,7 @@ class ModalModel:
             errors=modes.errors[indices],
             places=places or {},
             playing_place=playing_place,
+            air=air and radiation.calibrated,
             coordinates=XYZ if formula is None else XYZ[: formula.forms.dimensions],
             provenance=modes.provenance.extended(
                 references=radiation.references,
@@ -247,6 +265,25 @@ class ModalModel:
         details = self.provenance.details
         others = [np.asarray(details.get(kind, ()), int) for kind in _OTHERS]
         return ~np.isin(np.arange(len(self.frequencies)), np.concatenate(others))
+
+    @property
+    def air_decays(self) -> Array:
+        """Decay rates by sound and by friction in the air (M,), 1/s: the part added to `decays`.
+
+        They are 0 where the air was left out, or where the damping law contains its losses.
+        """
+        return self._air_decays(None if self.material is None else self.material.damping)
+
+    @property
+    def decay_bounds(self) -> tuple[Array, Array] | None:
+        """Lowest and highest decay rates (M,), 1/s, by the uncertainty of the losses to the air.
+
+        None if the rates do not contain `air_decays`.
+        """
+        losses = self.gains.losses if isinstance(self.gains, ShapeGains) else None
+        if losses is None or not self.air_decays.any():
+            return None
+        return losses.bounds(self.decays)
 
     @property
     def t60(self) -> Array:
@@ -336,6 +373,7 @@ class ModalModel:
     def damped(self, damping: Damping) -> ModalModel:
         """Return a copy with another damping law.
 
+        The losses to the air are added, unless the model has none or the law contains them.
         Overdamped modes are removed and counted. The noise of a residual decays by the new law; its
         attack stays.
 
@@ -349,14 +387,20 @@ class ModalModel:
         ModalModel
             The copy.
         """
+        material = None if self.material is None else self.material.damped(damping)
         rates = damping.decays(self.natural_frequencies)
+        if material is not None:
+            rates = rates + self._air_decays(damping)
         indices = np.flatnonzero(rates < 2 * np.pi * self.natural_frequencies)
         dropped_count, residual = len(rates) - len(indices), self.residual
         notes = (f"{counted(dropped_count, 'overdamped mode')} left out",) if dropped_count else ()
         if dropped_count and not len(indices):
+            law_alone = damping.decays(self.natural_frequencies)
+            cause, advice = repr(damping), _OVERDAMPED
+            if np.any(law_alone < 2 * np.pi * self.natural_frequencies):
+                cause, advice = "the air", _OVERDAMPED_BY_AIR
             warnings.warn(
-                f"{damping!r} leaves no mode that rings, of {dropped_count}: a Rayleigh law takes "
-                "mass in 1/s, as 1, and stiffness in s, as 1e-7; loss tangents lie far below 1",
+                f"{cause} leaves no mode that rings, of {dropped_count}: {advice}",
                 ScaleWarning,
                 stacklevel=3,
             )
@@ -368,7 +412,7 @@ class ModalModel:
             model,
             frequencies=ringing(model.natural_frequencies, rates[indices]),
             decays=rates[indices],
-            material=None if self.material is None else self.material.damped(damping),
+            material=material,
             residual=residual,
             provenance=self.provenance.extended(dropped=notes),
         )
@@ -418,8 +462,18 @@ class ModalModel:
         """
         if not len(self.decays):
             raise MaterialError("the body has no modes to tune: lower its damping")
-        damping = Each(rates=self.decays[0]) if self.material is None else self.material.damping
-        return self.scaled(self.natural_frequencies[0] / natural_at(lowest, damping))
+        law = Each(rates=self.decays[0]) if self.material is None else self.material.damping
+        natural, losses = self.natural_frequencies[0], None
+        if self.air_decays[0] > 0 and isinstance(self.gains, ShapeGains):
+            losses = self.gains.losses
+
+        def decay_at(frequency: float) -> float:
+            rate = float(law.decays(frequency))
+            if losses is None:
+                return rate
+            return rate + float(losses.scaled(natural / frequency, 1.0).total[0])
+
+        return self.scaled(natural / natural_at(lowest, decay_at))
 
     @checked
     def made_of(self, material: Material | str, *, field: bool = False) -> ModalModel:
@@ -445,10 +499,20 @@ class ModalModel:
         ------
         MaterialError
             If the material is unknown, or the model has none to start from.
+        OptionError
+            If the model is loaded by a fluid, whose mass does not change with the material.
         """
         new_material = Material.of(material)
         if self.material is None:
             raise MaterialError("this model's own material is unknown: compute or fit it again")
+        fluid = self.provenance.details.get("fluid")
+        if fluid is not None and any(
+            getattr(new_material, name) != getattr(self.material, name) for name in _CONSTANTS
+        ):
+            raise OptionError(
+                f"the material is {new_material.name!r} and the model is loaded by {fluid}, whose "
+                "mass stays: analyze the dry body of this material, and load it"
+            )
         new_stiffness = changed(self._stiffness(), self.material, new_material)
         model = self._remade(
             new_stiffness, new_material, density=new_material.density / self.material.density
@@ -526,7 +590,9 @@ class ModalModel:
             dropped=(note,) * (len(high) > 0 or is_outside),
             **(details if field_gains.directional else {}),
         )
-        return replace(self, gains=field_gains, provenance=provenance)
+        model = replace(self, gains=field_gains, provenance=provenance)
+        # What leaves as sound is that of the field now.
+        return model if self.material is None else model.damped(self.material.damping)
 
     @checked
     def charted(
@@ -597,6 +663,36 @@ class ModalModel:
             provenance=replace(self.provenance, details=details),
         )
 
+    def radiated_power(self) -> RadiationEfficiency:
+        """Compute how strongly each mode radiates: its radiation efficiency and power.
+
+        Returns
+        -------
+        RadiationEfficiency
+            Numbers of each mode, as a table also in third octaves. The energy that an excitation
+            radiates is that of `struck.energy`.
+
+        Raises
+        ------
+        OptionError
+            If the model was recorded, or its gains are relative.
+
+        Examples
+        --------
+        >>> bar = struck.shapes.Bar(length=0.3, width=0.03, thickness=0.005)
+        >>> power = struck.analyze(bar, "steel", progress=None).radiated_power()
+        >>> bool(power.efficiencies[0] < 0.01)
+        True
+        """
+        from struck.model.radiation_efficiency import RadiationEfficiency
+
+        return RadiationEfficiency.of(
+            self.gains,
+            self.frequencies,
+            self.decays,
+            contains_air=bool(self.air_decays.any()),
+        )
+
     def cite(self) -> str:
         """List the papers behind this model.
 
@@ -623,14 +719,14 @@ class ModalModel:
     def _repr_html_(self) -> str:
         from struck.model.html import modes_table  # for notebooks alone
 
-        is_object_mode = self.of_object
-        errors = None if self.errors is None else self.errors[is_object_mode]
-        return modes_table(
-            self.frequencies[is_object_mode],
-            self.t60[is_object_mode],
-            self.decays[is_object_mode],
-            errors,
-        )
+        return modes_table(self, self.of_object)
+
+    def _air_decays(self, damping: Damping | None) -> Array:
+        """Return the decay rates (M,) that the air adds to a law, 1/s."""
+        losses = self.gains.losses if isinstance(self.gains, ShapeGains) else None
+        if losses is None or not self.air or damping is None or contains_air(damping):
+            return np.zeros(len(self.natural_frequencies))
+        return losses.total
 
     def _stiffness(self, size: float = 1) -> Stiffness:
         return Stiffness(
@@ -694,6 +790,14 @@ class ModalModel:
         )
 
 
+_OVERDAMPED = (
+    "a Rayleigh law takes mass in 1/s, as 1, and stiffness in s, as 1e-7; loss tangents lie far "
+    "below 1"
+)
+_OVERDAMPED_BY_AIR = (
+    "it takes their energy within a period, as of a film; check thickness and density, or leave "
+    "its losses out by air=False"
+)
 _ALIKE = 1e-12  # of frequencies times size: rounding
 _RESIDUAL_LEFT = "its residual (attack and noise), which is of the recorded size and material"
 

@@ -128,11 +128,11 @@ class SurfaceField:
                 places = points[rows]
                 doubles = np.empty((len(places), len(self.mesh.faces)), np.complex128)
                 singles = elements.layers(places, wave_number, doubles)
-                out[rows, columns] = _sums(doubles, pressures[columns]) + _sums(
+                out[rows, columns] = layer_sums(doubles, pressures[columns]) + layer_sums(
                     singles, flows[columns]
                 )
 
-            _run_in_threads(evaluate, _blocks(0, len(points)))
+            run_in_threads(evaluate, row_blocks(0, len(points)))
         return out
 
     def chosen(self, modes: Index, size: float, factor: float | Array) -> SurfaceField | None:
@@ -235,10 +235,10 @@ def _pressures(
     def fill(block: slice) -> None:
         first_element = block.start if block.stop <= count else -1
         singles = elements.layers(places[block], wave_number, matrix[block], first_element)
-        right_sides[block] = _sums(singles, flows.T)
+        right_sides[block] = layer_sums(singles, flows.T)
         np.negative(matrix[block], out=matrix[block])
 
-    _run_in_threads(fill, [*_blocks(0, count), *_blocks(count, rows)])
+    run_in_threads(fill, [*row_blocks(0, count), *row_blocks(count, rows)])
     matrix[np.arange(count), np.arange(count)] += 0.5
     matrix[:count, count:] = matrix[count:, :count].conj().T
     matrix[count:, count:] = 0
@@ -247,12 +247,12 @@ def _pressures(
     return lu_solve(factors, right_sides, trans=1, overwrite_b=True, check_finite=False)[:count]
 
 
-def _blocks(first: int, end: int) -> list[slice]:
+def row_blocks(first: int, end: int) -> list[slice]:
     """Return the rows from `first` to `end`, few at once."""
     return [slice(start, min(start + _ROWS, end)) for start in range(first, end, _ROWS)]
 
 
-def _run_in_threads(task: Callable[[slice], None], blocks: Sequence[slice]) -> None:
+def run_in_threads(task: Callable[[slice], None], blocks: Sequence[slice]) -> None:
     """Run a task on each block of rows, in threads on all processors."""
     if len(blocks) == 1:  # a listener that moves has no time for threads
         task(blocks[0])
@@ -261,7 +261,7 @@ def _run_in_threads(task: Callable[[slice], None], blocks: Sequence[slice]) -> N
         list(threads.map(task, blocks))
 
 
-def _sums(layers: Complex, values: Complex) -> Complex:
+def layer_sums(layers: Complex, values: Complex) -> Complex:
     """Return layers (P, F) of values (K, F): (P, K)."""
     # Not by a matrix product, whose own threads would wait, busily, for processors that ours use.
     return np.einsum("pf,kf->pk", layers, values)
@@ -285,11 +285,22 @@ class Walls:
     depths: Array  # (F,), along the inward normal, m; NaN where the ray slips between two faces
 
     @classmethod
-    def of(cls, mesh: Mesh) -> Walls:
-        """Measure the walls of a closed surface."""
-        origins = mesh.centroids - 1e-6 * np.sqrt(mesh.areas)[:, None] * mesh.face_normals
-        _, depths = mesh.locator.first_below(origins, -mesh.face_normals)
-        return cls(mesh=mesh, depths=np.where(np.isfinite(depths), depths, np.nan))
+    def of(cls, mesh: Mesh, part: Mesh | None = None) -> Walls:
+        """Measure the walls of a closed surface, or those below the elements of a part of it."""
+        part = mesh if part is None else part
+        origins = part.centroids - 1e-6 * np.sqrt(part.areas)[:, None] * part.face_normals
+        _, depths = mesh.locator.first_below(origins, -part.face_normals)
+        return cls(mesh=part, depths=np.where(np.isfinite(depths), depths, np.nan))
+
+    def between(self, surface: Mesh, tolerance: float) -> Walls:
+        """Return the walls whose other side is on a surface too, within a tolerance, m."""
+        depths = np.full_like(self.depths, np.nan)
+        faces = np.flatnonzero(~np.isnan(self.depths))
+        shifts = self.depths[faces, None] * self.mesh.face_normals[faces]
+        distances, _, _ = surface.locator.closest(self.mesh.centroids[faces] - shifts)
+        is_between = distances <= tolerance
+        depths[faces[is_between]] = self.depths[faces[is_between]]
+        return Walls(mesh=self.mesh, depths=depths)
 
     @property
     def min_ratio(self) -> float:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from struck.errors import ContactError, OptionError, rounded
+from struck.model.air_losses import AirLosses, decays_of_pressures
 from struck.model.arrays import Array, Complex, Index, brief
 from struck.model.gains import ShapeGains, quarter_turns
 from struck.model.material import AIR
@@ -104,7 +105,11 @@ class RadiatingGains(ShapeGains):
         ]
         pairs = [(part.modes, waves) for part, waves in zip(parts, multipoles, strict=True)]
         field = Multipoles.join(pairs, gains.outputs / _IMPULSE, wave_numbers)
-        new_gains = replace(gains, outputs=field.levels * quarter_turns(frequencies))
+        new_gains = replace(
+            gains,
+            outputs=field.levels * quarter_turns(frequencies),
+            losses=_losses_of_field(gains.losses, parts, field.levels),
+        )
         return cls.with_field(new_gains, field=field, near=tuple(parts) if near else ())
 
     @classmethod
@@ -142,6 +147,7 @@ class RadiatingGains(ShapeGains):
             centre=centre,
             radiation=self.radiation,
             formula=formula,
+            losses=None if self.losses is None else self.losses.chosen(modes).scaled(size, density),
         )
         return self._with_changed_field(new_gains, modes, size, factor)
 
@@ -223,6 +229,22 @@ def _move_outside(part: SurfaceField, places: Array) -> Array:
     new_places = places.copy()
     new_places[is_inside] = surface_points + _CLEARANCE * edge * part.mesh.face_normals[faces]
     return new_places
+
+
+def _losses_of_field(
+    losses: AirLosses | None, parts: Sequence[SurfaceField], levels: Array
+) -> AirLosses | None:
+    """Return losses whose sound is that of computed fields, for the modes that have one.
+
+    `levels` (M,) are the root mean squares of the pressure over directions at 1 m.
+    """
+    if losses is None:
+        return None
+    sound, uncertainty = losses.sound.copy(), losses.uncertainty.copy()
+    for part in parts:
+        sound[part.modes] = decays_of_pressures(levels[part.modes], AIR.impedance)
+        uncertainty[part.modes] = 20 * np.log10(1 + part.errors)
+    return replace(losses, sound=sound, uncertainty=uncertainty)
 
 
 def _parts(gains: ShapeGains) -> dict[str, Any]:

@@ -12,12 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from struck.errors import OptionError, nearest
-from struck.model.arrays import Array, Index, checked
+from struck.model.air_losses import AirLosses, decays_of_pressures
+from struck.model.arrays import Array, Complex, Index, checked
 from struck.model.gains import Keep, Radiation, ShapeGains, quarter_turns
 from struck.model.material import AIR, Air
 from struck.model.mesh import Mesh
 from struck.model.provenance import Progress
-from struck.radiation.on_surface import Radiator, Skin, normal_velocities
+from struck.radiation.boundary_layers import BoundaryLayers
+from struck.radiation.on_surface import Radiator, Skin, face_velocities, normal_velocities
 
 _BATCH_SIZE = 64  # modes, so that memory does not grow with their number
 
@@ -72,10 +74,11 @@ class ObrienCoupling:
 class RadiatedPower:
     """Pressure from the power that a mode radiates into free air.
 
-    The pressure on the skin is that of a sphere of the same area, one surface harmonic after the
-    other (the on-surface radiation condition: Antoine, Barucq & Bendali 1999). The power is that
-    which the Kirchhoff-Helmholtz integral sends to all sides (Williams 1999, chapter 8). Exact on
-    a sphere; limits: docs, "Radiation".
+    The pressure on the skin is that of a sphere of the same area, one order of the surface
+    Laplacian after the other (the on-surface radiation condition: Antoine, Barucq & Bendali 1999).
+    The power is that which the Kirchhoff-Helmholtz integral sends to all sides (Williams 1999,
+    chapter 8) or, of motions that are fast along the surface, that which the pressure puts into
+    the air on the skin. Exact on a sphere; limits: docs, "Radiation".
 
     Parameters
     ----------
@@ -86,13 +89,22 @@ class RadiatedPower:
     name: str = "power"
     calibrated: bool = True
     scalable: bool = True
-    references: tuple[str, ...] = ("williams1999", "fahy2007", "antoine1999")
+    references: tuple[str, ...] = (
+        "williams1999",
+        "fahy2007",
+        "antoine1999",
+        "golub1994",
+        "landau1987",
+        "berggren2018",
+    )
 
     def __init__(self, *, air: Air = AIR) -> None:
         self.air = air
         # A cache, as a player may change the material at any time, and the harmonics of a surface
         # take as long as everything else; weak, so that it lives no longer than the surface.
-        self._radiators: WeakKeyDictionary[Mesh, tuple[bytes, Skin, Radiator]] = WeakKeyDictionary()
+        self._radiators: WeakKeyDictionary[Mesh, tuple[bytes, Skin, Radiator, BoundaryLayers]] = (
+            WeakKeyDictionary()
+        )
 
     def __getstate__(self) -> dict[str, Air]:
         """Return the medium alone, without the store of radiators."""
@@ -102,20 +114,25 @@ class RadiatedPower:
         """Restore the medium, with an empty store of radiators."""
         self.__init__(air=state["air"])
 
-    def _prepare(self, surface: Mesh, centre: Array) -> tuple[Skin, Radiator]:
-        """Return the skin of a surface and its radiator, computed once."""
+    def _prepare(self, surface: Mesh, centre: Array) -> tuple[Skin, Radiator, BoundaryLayers]:
+        """Return the skin of a surface, its radiator and its boundary layers, computed once."""
         place = np.asarray(centre, np.float64).tobytes()
         cached = self._radiators.get(surface)
         if cached is None or cached[0] != place:
             skin = Skin.of(surface, centre)
-            cached = place, skin, Radiator.of(skin.mesh, skin.radius)
+            radiator = Radiator.of(skin.mesh, skin.radius)
+            harmonics = radiator.harmonics
+            layers = BoundaryLayers.of(skin.mesh, harmonics.stiffness, harmonics.masses)
+            cached = place, skin, radiator, layers
             self._radiators[surface] = cached
-        return cached[1], cached[2]
+        return cached[1:]
 
     def coefficients(
         self, surface: Mesh, shapes: NDArray[np.floating], frequencies: Array, centre: Array
     ) -> NDArray[np.complex128]:
         """Return the pressure amplitude at 1 m, root mean square over directions.
+
+        The first part of the result of `radiation`, which has the same parameters and errors.
 
         Parameters
         ----------
@@ -140,15 +157,98 @@ class RadiatedPower:
         MeshError
             When no piece of the surface encloses a volume.
         """
+        return self.radiation(surface, shapes, frequencies, centre)[0]
+
+    def radiation(
+        self, surface: Mesh, shapes: NDArray[np.floating], frequencies: Array, centre: Array
+    ) -> tuple[Complex, AirLosses]:
+        """Return the pressure amplitude at 1 m, and what the air takes from each mode.
+
+        Parameters
+        ----------
+        surface : Mesh
+            The body's surface.
+        shapes : array (V, 3, M)
+            Mass-normalised mode shapes at its vertices, kg^-1/2.
+        frequencies : array (M,)
+            Hz.
+        centre : array (3,)
+            Where the sound seems to come from, m.
+
+        Returns
+        -------
+        coefficients : array (M,), complex
+            Pa for a modal velocity of 1 kg^1/2 m/s; see `quarter_turns`.
+        losses : AirLosses
+            Decay rates, and the uncertainty of those by sound.
+
+        Raises
+        ------
+        OptionError
+            When the arrays do not belong together or a frequency is not positive.
+        MeshError
+            When no piece of the surface encloses a volume.
+        """
         _require_modes(surface, shapes, frequencies)
-        skin, radiator = self._prepare(surface, centre)
+        skin, radiator, layers = self._prepare(surface, centre)
         wave_numbers = 2 * np.pi * np.asarray(frequencies, float) / self.air.sound_speed
-        squares = np.empty(len(frequencies))
+        squares, surface_powers = np.empty((2, len(frequencies)))
         for first in range(0, len(frequencies), _BATCH_SIZE):
             batch = slice(first, first + _BATCH_SIZE)
-            velocities = normal_velocities(surface, shapes[:, :, batch])[skin.faces]
-            squares[batch] = radiator.mean_squares(velocities, wave_numbers[batch])
-        return self.air.impedance * np.sqrt(squares) * quarter_turns(frequencies)
+            velocities = face_velocities(surface, shapes[:, :, batch])[skin.faces]
+            normal = np.einsum("fd,fdm->fm", skin.mesh.face_normals, velocities)
+            sound = radiator.sound(normal, wave_numbers[batch])
+            squares[batch] = sound.mean_squares
+            surface_powers[batch] = layers.powers(
+                sound.pressures, velocities, frequencies[batch], self.air
+            )
+        pressures = self.air.impedance * np.sqrt(squares)
+        losses = AirLosses(
+            sound=decays_of_pressures(pressures, self.air.impedance),
+            surface=surface_powers,  # of an energy of 1/2 J that falls at twice the decay rate
+            uncertainty=np.full(len(pressures), radiator.uncertainty),
+        )
+        return pressures * quarter_turns(frequencies), losses
+
+    def skin_motion(
+        self, surface: Mesh, shapes: NDArray[np.floating], centre: Array
+    ) -> tuple[float, Array]:
+        """Compute how the outer surface moves.
+
+        Parameters
+        ----------
+        surface : Mesh
+            The body's surface.
+        shapes : array (V, 3, M)
+            Mass-normalised mode shapes at its vertices, kg^-1/2.
+        centre : array (3,)
+            Centre of the radiated sound, m.
+
+        Returns
+        -------
+        area : float
+            Area of the surface without the walls of closed cavities, m^2.
+        mean_squares : array (M,)
+            Mean squares of the normal shapes over it, 1/kg.
+
+        Raises
+        ------
+        MeshError
+            When no piece of the surface encloses a volume.
+        """
+        # Squares at the corners: a mean over a face of short waves would be too small.
+        faces = Skin.of(surface, centre).faces
+        areas, normals = surface.areas[faces], surface.face_normals[faces]
+        corners, area = surface.faces[faces], float(areas.sum())
+        mean_squares = np.empty(shapes.shape[2])
+        for first in range(0, shapes.shape[2], _BATCH_SIZE):
+            batch = slice(first, first + _BATCH_SIZE)
+            part = np.asarray(shapes[:, :, batch], np.float64)
+            squares = sum(
+                np.square(np.einsum("fd,fdm->fm", normals, part[corner])) for corner in corners.T
+            )
+            mean_squares[batch] = areas @ squares / (3 * area)
+        return area, mean_squares
 
     def field(
         self,
@@ -288,18 +388,3 @@ def by_name(name: str) -> Radiation:
 ESTIMATES: dict[str, Radiation] = {
     estimate.name: estimate for estimate in (RadiatedPower(), ObrienCoupling(), Heuristic1998())
 }
-
-
-_FAR_DISTANCE = 1e4  # m: outside of any body
-
-
-def decays_by_sound(gains: ShapeGains) -> Array:
-    """Return the decay rate of each mode by radiated sound alone (M,), 1/s.
-
-    A mode with the pressure p at 1 m, in Pa for a modal velocity of 1 kg^1/2 m/s, radiates 2 pi p^2
-    / (rho c), in W, of its energy of 1/2 J; p is taken as the same in all directions.
-    """
-    pressures = _FAR_DISTANCE * np.abs(
-        gains.toward(gains.centre[None] + _FAR_DISTANCE * np.eye(3)[:1])[0, 0]
-    )
-    return np.asarray(2 * np.pi * pressures**2 / AIR.impedance)

@@ -283,14 +283,13 @@ SHAPES_INTRODUCTION = (
     "The sounds of physical shapes (van den Doel & Pai 1998): the modes of this body have a "
     "formula. Listen how the timbre changes with the place that is struck."
 )
-# Bodies in closed form: the six of 1998, section 6, and their kin. The film of drums has air that
-# takes its share.
+# Bodies in closed form: the six of 1998, section 6, and their kin.
 SKIN = Material(
     name="polyester film",
     density=1390.0,
     youngs_modulus=4.5e9,
     poisson_ratio=0.38,
-    damping=InternalFriction(loss_tangent=0.006, external=4.0),
+    damping=InternalFriction(loss_tangent=0.006),
 )
 WIRE = Material(
     name="music wire",

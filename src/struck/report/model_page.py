@@ -14,10 +14,11 @@ import numpy as np
 
 from struck.errors import counted, rounded
 from struck.files.sound import Sound
-from struck.model.gains import ExpandedGains, ShapeGains
+from struck.model.air_losses import AirLosses
+from struck.model.gains import ExpandedGains, ShapeGains, SkinRadiation
 from struck.model.html import document, modes_table, picture
 from struck.model.model import ModalModel
-from struck.radiation.radiated_power import decays_by_sound
+from struck.model.radiation_efficiency import RadiationEfficiency, known_losses
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from struck.model.timbre_table import TimbreTable
 
 _ROWS = 12
+_FLUID = ("fluid", "level", "filled", "setting", "kettle")  # details of a loaded model
+_HIGH_EFFICIENCY = 0.5  # radiation efficiency: half of that of a large surface in phase
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -71,6 +74,7 @@ def summary(model: ModalModel, *, whole: bool = True) -> list[str]:
         lines.append(f"errors    frequencies: half within {half} %, all within {most} %")
     if material is not None:
         kind, _, values = repr(material.damping).rstrip(")").partition("(")
+        values = re.sub(r", contains_air=(True|False)", "", values)
         kind = re.sub("(?<=[a-z])(?=[A-Z])", " ", kind).lower()
         lines.append(
             f"material  {material.name}: {rounded(material.density)} kg/m3, E = "
@@ -78,6 +82,7 @@ def summary(model: ModalModel, *, whole: bool = True) -> list[str]:
             f"{rounded(material.poisson_ratio)}, {kind} of "
             f"{values.replace('_', ' ').replace('=', ' ')}"
         )
+    lines += _describe_fluid(model)
     lines += [] if model.mass is None else [f"mass      {rounded(model.mass, 4)} kg"]
     if model.geometry is not None:
         size = " x ".join(rounded(edge, 4) for edge in np.ptp(model.geometry.bounds, axis=0))
@@ -85,7 +90,9 @@ def summary(model: ModalModel, *, whole: bool = True) -> list[str]:
         hint = "; another by up= when it is analyzed" if "," in str(up) else ""
         lines += [f"size      {size} m", f"up        {up}: it says where top is{hint}"]
     unit = "Pa per N s" if model.gains.directional else "Pa per N s at 1 m"
-    lines.append(f"gains     {unit if model.calibrated else 'relative'}")
+    power = known_power(model)
+    efficiency = "" if power is None else f"; {_efficiency(power)}"
+    lines.append(f"gains     {unit if model.calibrated else 'relative'}{efficiency}")
     if not isinstance(model.gains, ShapeGains):
         lines += [*_recorded(model), "force     acts as the recorded blow, whatever its direction"]
     lines.append(f"places    {', '.join(sorted(model.places)) or 'none named'}")
@@ -93,26 +100,65 @@ def summary(model: ModalModel, *, whole: bool = True) -> list[str]:
         lines.append(f"struck    at {contact.place}, unless a place is given")
     lines += _method(model) if whole else []
     lines += [f"note      {loss}" for loss in model.provenance.dropped]
-    lines += _lost_to_air(model)
+    if power is not None and isinstance(model.gains, ShapeGains):
+        lines += _describe_air_losses(model, known_losses(model.gains))
     caution = model.provenance.details.get("caution")
     return [*lines, f"caution   {caution}"] if caution else lines
 
 
-def _lost_to_air(model: ModalModel) -> list[str]:
+def known_power(model: ModalModel) -> RadiationEfficiency | None:
+    """Return the radiation of the modes; None where it is not known in W."""
+    gains = model.gains
+    has_skin = isinstance(gains, ShapeGains) and isinstance(gains.radiation, SkinRadiation)
+    is_known = has_skin and model.calibrated and len(model.decays) > 0
+    return model.radiated_power() if is_known else None
+
+
+def _efficiency(power: RadiationEfficiency) -> str:
+    """Return the range of the radiation efficiency, and where it passes 0.5, in words."""
+    values = power.efficiencies
+    text = f"{rounded(values.min(), 2)} to {rounded(values.max(), 2)}"
+    text += f", half below {rounded(np.median(values), 2)}"
+    columns = power.bands.columns
+    is_strong = columns["radiation efficiency"] >= _HIGH_EFFICIENCY
+    if is_strong.any():
+        band = columns["third octave (Hz)"][np.argmax(is_strong)]
+        text += f", {_HIGH_EFFICIENCY:g} from about {rounded(band, 3)} Hz"
+    return f"radiation efficiency {text}"
+
+
+def _describe_fluid(model: ModalModel) -> list[str]:
+    """Return a line on the fluid that loads a body, with the lengths of the body analyzed."""
+    details = model.provenance.details
+    texts = [f"{name} {details[name]}" for name in _FLUID[1:] if name in details]
+    fluid = details.get("fluid")
+    return [] if fluid is None else [f"fluid     {', '.join([str(fluid), *texts])}"]
+
+
+def _describe_air_losses(model: ModalModel, losses: AirLosses) -> list[str]:
     """Return a line on the modes that lose more to the air than to the material."""
-    if not isinstance(model.gains, ShapeGains) or model.gains.directional or not model.calibrated:
-        return []
-    decays = decays_by_sound(model.gains)
-    mode_indices = np.flatnonzero(decays > model.decays)
+    is_included = bool(model.air_decays.any())
+    air_decays = model.air_decays if is_included else losses.sound
+    others = model.decays - air_decays if is_included else model.decays
+    mode_indices = np.flatnonzero(air_decays > others)
+    count = f"{len(mode_indices)} of {counted(len(others), 'mode')}"
     if not len(mode_indices):
-        return []
-    decay, first = model.decays[mode_indices[0]], model.frequencies[mode_indices[0]]
-    total_time = np.log(1000) / (decay + decays[mode_indices[0]])
-    material_time = f"{rounded(np.log(1000) / decay, 2)} s" if decay else "endless"
-    note = f"T60 leaves out what the sound itself takes: {len(mode_indices)} of "
-    note += counted(len(decays), "mode")
-    example = f"{first:.0f} Hz ({rounded(total_time, 2)} s in place of {material_time})"
-    return [f"air       {note} lose more by that, as {example}"]
+        if not is_included:
+            return []
+        max_ratio = np.max(air_decays / np.maximum(model.decays, np.finfo(float).tiny))
+        percentage = rounded(100 * max_ratio, 2)
+        return [f"air       T60 contains the losses to the air, at most {percentage} %"]
+    mode = mode_indices[0]
+    times = [
+        f"{rounded(np.log(1000) / decay, 2)} s" if decay else "endless"
+        for decay in (others[mode] + air_decays[mode], others[mode])
+    ]
+    example = f"{model.frequencies[mode]:.0f} Hz"
+    if is_included:
+        text = f"{count} lose more to the air than to all else, as {example}"
+        return [f"air       {text} (T60 {times[0]}, without air {times[1]})"]
+    text = f"T60 leaves out what the sound itself takes: {count} lose more by that, as {example}"
+    return [f"air       {text} ({times[0]} in place of {times[1]})"]
 
 
 def _method(model: ModalModel) -> list[str]:
@@ -120,7 +166,7 @@ def _method(model: ModalModel) -> list[str]:
     details = [
         f"          {name}: {len(value) if isinstance(value, list) else value}"
         for name, value in model.provenance.details.items()
-        if name not in {"blow", "vague", "up", "caution"}  # which have their own lines
+        if name not in {"blow", "vague", "up", "caution", *_FLUID}  # which have their own lines
     ]
     papers = [f"cite      {paper}" for paper in model.cite().splitlines()]
     return [f"method    {model.provenance.method}", *details, *papers]
@@ -203,8 +249,7 @@ def section(exhibit: Exhibit) -> str:
     model = exhibit.model
     object_modes = np.flatnonzero(model.of_object)
     modes = object_modes[:_ROWS]
-    errors = None if model.errors is None else model.errors[modes]
-    table = modes_table(model.frequencies[modes], model.t60[modes], model.decays[modes], errors)
+    table = modes_table(model, modes)
     facts = "<br>".join(html.escape(line) for line in summary(model)[:3])
     sounds = "".join(
         f"<figure><figcaption>{html.escape(caption)}</figcaption>{sound._repr_html_()}"

@@ -30,9 +30,11 @@ from struck.report.charts import (
     quantity,
     save,
 )
+from struck.report.energy_picture import balance_picture, radiation_picture
 from struck.report.nodal_lines import draw_nodal_lines
 from struck.report.surface_picture import Painter
 from struck.scene.body import centre_of, radius_of
+from struck.scene.energy import Energy
 from struck.scene.render import render
 
 if TYPE_CHECKING:
@@ -66,10 +68,11 @@ def show(
     strike: Strike | None = None,
     modes: int | None = None,
     nodal_lines: int | None = None,
+    energy: bool | Energy = False,
 ) -> Figure:
     """Draw a model: its shape, its first modes and the spectrum of a strike.
 
-    At most one of `field`, `strike`, `modes` and `nodal_lines` selects another picture.
+    At most one of `field`, `strike`, `modes`, `nodal_lines` and `energy` selects another picture.
 
     Parameters
     ----------
@@ -86,6 +89,9 @@ def show(
     nodal_lines : int, optional
         Number of modes to draw with their nodal lines (Chladni figures), from the broad side of a
         flat body, from above for others. Pictures count modes from 1.
+    energy : bool or Energy, default False
+        True: radiation efficiency of each mode, and the part of its energy that is lost as sound.
+        A result of `struck.energy`: where that energy goes, in third octaves.
 
     Returns
     -------
@@ -97,7 +103,7 @@ def show(
     FileFormatError
         If the folder does not exist, or the ending is not that of a picture.
     OptionError
-        If the model has no field, no such mode or no mode shapes.
+        If the model has no field, no such mode, no mode shapes or no calibrated radiation.
     ContactError
         If the contact of the strike is not on the body.
 
@@ -108,6 +114,7 @@ def show(
     >>> figure = struck.show(model, "bar.png")
     """
     requests = {"field": field, "strike": strike, "modes": modes, "nodal_lines": nodal_lines}
+    requests["energy"] = None if energy is False else energy
     names = [name for name, value in requests.items() if value is not None]
     if len(names) > 1:
         raise OptionError(f"{' and '.join(names)} are two pictures: give one at a time")
@@ -119,6 +126,12 @@ def show(
         count = _count(model, "nodal_lines", nodal_lines)
         gains, title = _surface_gains(model), description(model)
         figure = draw_nodal_lines(gains, model.frequencies[:count], title)
+    elif energy is not False:
+        figure = (
+            balance_picture(model, energy)
+            if isinstance(energy, Energy)
+            else radiation_picture(model)
+        )
     elif field is None:
         sound, contact = render(model, Strike()), model.contact()
         figure = overview(model, sound, at=contact.place if contact.point.size else "")

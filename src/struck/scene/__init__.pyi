@@ -4,6 +4,7 @@ from .body import RigidBody as RigidBody
 from .body import Scene as Scene
 from .contacts import Contacts as Contacts
 from .contacts import Poses as Poses
+from .energy import Energy as Energy
 from .engines.mujoco import MujocoRecorder as MujocoRecorder
 from .engines.simulation import Simulation as Simulation
 from .events import Events as Events

@@ -22,7 +22,7 @@ from struck.ears.propagation import Pose
 from struck.errors import OptionError, counted, rounded
 from struck.excitation.excitation import Burst, Excitation, Hold, Push, Pushing
 from struck.excitation.pulses import Samples
-from struck.excitation.strike import Strike, after_attack, note_yielding, residual_of
+from struck.excitation.strike import Strike, after_attack, residual_of
 from struck.files.sound import LARGEST, Sound
 from struck.model.arrays import Array, Complex, checked, require_number
 from struck.model.contact import Contact
@@ -46,6 +46,7 @@ from struck.scene.body import (
 )
 from struck.scene.ending import faded, is_cut_off, level_note, require_fade
 from struck.scene.gathered_notes import gather_notes
+from struck.scene.strike_energy import note_yielding
 from struck.synth.poles import Poles, with_recoil
 from struck.synth.ring_down import Pulse, below_nyquist, released, ring_down
 
@@ -351,12 +352,7 @@ def _compute_pressure(
 
 def _is_plain(action: Action) -> TypeGuard[Strike]:
     """Return whether an action is a half-sine at a point, which has a closed form."""
-    return (
-        isinstance(action, Strike)
-        and action.shape == "half-sine"
-        and not action.patch
-        and not action.transient
-    )
+    return isinstance(action, Strike) and action.has_closed_form
 
 
 def _pulses(
@@ -656,10 +652,7 @@ class DrivenBody:
 
 def _is_ideal(excitation: Excitation, model: ModalModel) -> bool:
     """Return whether an excitation is a blow without duration."""
-    if not isinstance(excitation, Strike):
-        return False
-    contact = model.contact(excitation.at, excitation.direction)
-    return not excitation.resolved(model, contact).duration
+    return isinstance(excitation, Strike) and excitation.is_ideal(model)
 
 
 # Attack and noise of recorded models.

@@ -287,7 +287,8 @@ class CircularMembrane(Shape):
     -----
     f_mk = c j_mk / (2 pi radius) with c^2 = tension / (density thickness) and the zeros j_mk of the
     Bessel function J_m; with m > 0 nodal diameters each comes twice, as cosine and sine of m times
-    the angle (Morse 1948, section 19; 1998, section 6, without its load of air).
+    the angle (Morse 1948, section 19; 1998, section 6). `struck.radiation.add_air_mass` adds the
+    load of air.
 
     Places, at y = 0: "middle" (also "top"), "quarter" of the diameter, "edge" (also "rim") 1 % off.
 

@@ -9,9 +9,11 @@ import pytest
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+import struck
 from struck import InternalFriction, Material, ModalModel, Rayleigh
 from struck.errors import MaterialError, OptionError, RecordingError
-from struck.model.damping import Damping, Measured
+from struck.model.air_losses import AirLosses
+from struck.model.damping import Damping, Measured, contains_air
 from struck.recordings.calibration.calibration import Calibration, calibrated, corrected
 from struck.recordings.calibration.losses import losses
 from struck.recordings.noise import Noise
@@ -301,3 +303,125 @@ def test_nothing_to_correct_is_refused(plate: ModalModel) -> None:
     alone = of_frequencies(np.array([31.0]), STEEL)
     with pytest.raises(RecordingError, match="none of 1 fitted modes"):
         corrected(plate, alone)
+
+
+# What the air takes.
+
+
+def with_air(model: ModalModel, material: Material) -> ModalModel:
+    """Return the model of another material, whose decays contain its losses to the air."""
+    changed = model.made_of(material)
+    assert changed.air_decays.min() >= 0
+    assert changed.air_decays.max() > 0
+    return changed
+
+
+@pytest.fixture(scope="module")
+def sheet() -> ModalModel:
+    shape = RectangularPlate(length=0.2, width=0.15, thickness=0.003, edges="free")
+    return struck.analyze(shape, "aluminium", band=(20.0, 6000.0), progress=None)
+
+
+def heard_from(model: ModalModel, chance: Generator, decay: float = 0.01) -> Modes:
+    """Return modes with the decays of a model and errors."""
+    count, errors = len(model.decays), decay * model.decays
+    return Modes(
+        frequencies=model.frequencies,
+        decays=model.decays + errors * chance.normal(size=count),
+        gains=np.ones(count, complex),
+        frequency_errors=1e-5 * model.frequencies,
+        decay_errors=errors,
+        truth=np.arange(count),
+    )
+
+
+def test_the_material_gives_the_recorded_decays_again(sheet: ModalModel) -> None:
+    true = replace(STEEL, density=2500.0, youngs_modulus=65e9)
+    body = with_air(sheet, true)
+    found = calibrated(heard_from(body, np.random.default_rng(1)), sheet)
+    same = found.of_density(2500.0)
+    assert found.material().density == 2700.0
+    assert same.losses.law.decays(1000.0) == pytest.approx(np.pi + 1, rel=0.05)
+    again = sheet.made_of(same.material())
+    assert again.decays == pytest.approx(body.decays, rel=0.05)
+    fractions = body.air_decays / body.decays
+    assert same.air_fractions == pytest.approx(fractions[same.pairing.computed], abs=0.05)
+    assert any(line.startswith("air       takes") for line in same.summary())
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "without air",
+        pytest.param("relative", marks=pytest.mark.prove),
+        pytest.param("as heard", marks=pytest.mark.prove),
+    ],
+)
+def test_what_the_model_does_not_know_of_the_air(sheet: ModalModel, kind: str) -> None:
+    """Without it the law contains it, and no body of the material has it twice."""
+    heard = heard_from(with_air(sheet, STEEL), np.random.default_rng(2))
+    model = {
+        "without air": replace(sheet, air=False),
+        "relative": replace(sheet, air=False, gains=replace(sheet.gains, losses=None)),
+        "as heard": sheet.damped(Measured(frequencies=(100.0,), rates=(5.0,))),
+    }[kind]
+    found = calibrated(heard, model)
+    law, again = found.material().damping, sheet.made_of(found.material())
+    if kind == "as heard":  # the guess has no effect: its law is replaced
+        assert not contains_air(law)
+        assert again.air_decays.max() > 0
+        return
+    assert contains_air(law)
+    assert not again.air_decays.any()
+    assert np.isnan(found.air_fractions).all()
+    assert any("the damping contains them" in line for line in found.summary())
+
+
+@pytest.mark.prove
+def test_damping_is_never_negative(sheet: ModalModel) -> None:
+    """Decays of a body of which the air takes less than it can."""
+    body = sheet.damped(InternalFriction(loss_tangent=1e-5))
+    heard = heard_from(body, np.random.default_rng(3))
+    quiet = replace(heard, decays=heard.decays / 20, decay_errors=heard.decay_errors / 20)
+    found = calibrated(quiet, sheet)
+    assert (found.losses.law.decays(np.geomspace(50, 8000, 20)) >= 0).all()
+    assert np.isinf(found.damping_errors).all()
+    told = "\n".join(found.summary())
+    assert "unknown for 26 of 26 modes: the air alone explains their decay" in told
+    assert "would decay faster than recorded" in told
+    assert "check the size, the wall" in told
+
+
+@pytest.mark.prove
+@pytest.mark.parametrize("level", [0.3, 10.0])
+def test_stated_errors_hold_the_damping(level: float) -> None:
+    """Air of 0.3 or 10 times the material's, wrong by 6 dB at 95 %, in common and each mode's."""
+    law, ratios = InternalFriction(loss_tangent=1e-3), []
+    for seed in range(6):
+        chance = np.random.default_rng(seed)
+        frequencies = np.sort(np.exp(chance.uniform(np.log(300), np.log(8000), 14)))
+        damping = law.decays(frequencies)
+        air = level * damping * np.exp(chance.normal(0, 1, 14))
+        scale = 6 * np.log(10) / 10 / 1.96
+        estimate = air * np.exp(scale * (0.84 * chance.normal() + 0.55 * chance.normal(size=14)))
+        decays = damping * np.exp(0.03 * chance.normal(size=14)) + air
+        told = AirLosses(sound=estimate, surface=0 * air, uncertainty=np.full(14, 6.0))
+        found = losses(frequencies, decays, 0.01 * decays, air=told)
+        errors = found.errors(frequencies) * found.law.decays(frequencies)
+        ratios.append(np.median(np.abs(found.law.decays(frequencies) - damping) / errors))
+    assert np.max(ratios) < 2.5
+    assert 0.2 < np.sqrt(np.mean(np.square(ratios))) < 1.4
+
+
+def test_a_corrected_model_keeps_decays_with_the_air(sheet: ModalModel) -> None:
+    heard = heard_from(with_air(sheet, replace(STEEL, density=2700.0)), np.random.default_rng(4))
+    few = heard.chosen(np.arange(0, len(heard.decays), 2))
+    model = corrected(sheet, few)
+    found = np.isclose(model.frequencies[:, None], few.frequencies, rtol=1e-12)
+    rows, columns = np.nonzero(found)
+    assert len(rows) == len(few.decays)
+    assert model.decays[rows] == pytest.approx(few.decays[columns])
+    assert not model.air_decays.any()
+    assert model.material is not None
+    assert contains_air(model.material.damping)
+    assert np.median(model.decays / heard.decays) == pytest.approx(1, rel=0.1)

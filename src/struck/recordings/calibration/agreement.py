@@ -311,12 +311,14 @@ class Partials:
         outputs = model.gains.toward(centre[None] + [reach, 0.0, 0.0])[0]
         zeros = np.zeros(len(model.frequencies))
         errors = zeros if model.errors is None else np.nan_to_num(model.errors)
+        frequency_errors = errors * model.frequencies
         return cls(
             frequencies=model.frequencies,
             decays=model.decays,
             amplitudes=np.abs((drives * outputs).sum(axis=0)),
-            frequency_errors=errors * model.frequencies,
-            decay_errors=zeros,
+            frequency_errors=frequency_errors,
+            # Noise moves a fitted pole equally far in all directions, as `standard_errors` has it.
+            decay_errors=2 * np.pi * frequency_errors if model.recorded else zeros,
         )
 
     @property

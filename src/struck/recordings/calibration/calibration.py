@@ -2,8 +2,9 @@
 
 2002's future work: "using their measured data for a given object to infer material parameters that
 could then be applied to the geometry of a different object". Frequencies determine E / density
-and, as far as modes follow it differently, Poisson's ratio; decays determine the damping. Sound
-alone determines neither Young's modulus nor density; 1 % of size is 2 % of E / density.
+and, as far as modes follow it differently, Poisson's ratio; decays determine the damping, once the
+losses to the air are subtracted, which the model knows. Sound alone determines neither Young's
+modulus nor density; 1 % of size is 2 % of E / density.
 """
 
 from __future__ import annotations
@@ -16,9 +17,11 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.stats import t as student
 
-from struck.errors import MaterialError, OptionError, RecordingError, rounded
-from struck.model.arrays import Array, brief, checked, require_number
+from struck.errors import MaterialError, OptionError, RecordingError, counted, rounded
+from struck.model.air_losses import AirLosses
+from struck.model.arrays import Array, Index, brief, checked, require_number
 from struck.model.damping import Measured, ringing
+from struck.model.gains import ShapeGains
 from struck.model.material import Material
 from struck.model.model import ModalModel
 from struck.recordings.calibration.agreement import (
@@ -58,8 +61,9 @@ def corrected(
     ModalModel
         Modes with a partner ring as it does. The others follow by the factor and Poisson's ratio
         that the partners have in common, or with their twin where they share a frequency with a
-        mode that has one, and by the median of the partners' decays over the computed ones. The
-        provenance counts both. The material's damping becomes the curve through all decays; its
+        mode that has one, and their damping by the median of the partners' over the computed one;
+        the losses to the air stay those computed. The provenance counts both. The material's
+        damping becomes the curve through all decays, which contains the losses to the air; its
         constants stay as assumed: `calibrated` finds them.
 
     Raises
@@ -114,14 +118,17 @@ def _frequencies(model: ModalModel, partials: Partials, pairs: Pairing) -> Array
 
 def _decays(model: ModalModel, partials: Partials, pairs: Pairing) -> Array:
     """Return decays in the model's order, 1/s."""
-    fitted_decays, computed_decays = partials.decays[pairs.fitted], model.decays[pairs.computed]
+    air_decays = model.air_decays
+    material_decays = model.decays - air_decays
+    fitted_decays, computed_decays = partials.decays[pairs.fitted], material_decays[pairs.computed]
     is_decaying = computed_decays > 0
+    excess_decays = np.maximum(fitted_decays - air_decays[pairs.computed], 0.0)
     ratio = (
-        float(np.median(fitted_decays[is_decaying] / computed_decays[is_decaying]))
+        float(np.median(excess_decays[is_decaying] / computed_decays[is_decaying]))
         if is_decaying.any()
         else 1.0
     )
-    decays = model.decays * ratio
+    decays = material_decays * ratio + air_decays
     decays[pairs.computed] = fitted_decays
     return decays
 
@@ -300,7 +307,17 @@ class Calibration:
     scatter : float
         Relative standard deviation of frequencies about the model's, errors of fitting apart.
     losses : Losses
-        The law of damping, with its errors and rivals.
+        The law of damping, with its errors and rivals. It contains the losses to the air only if
+        `air` is None.
+    air : AirLosses or None
+        Losses to the air of the P paired modes at their fitted frequencies, as computed; None if
+        the model does not know them.
+    frequencies : array (P,)
+        Fitted natural frequencies, Hz.
+    decays : array (P,)
+        Fitted decay rates, 1/s.
+    decay_errors : array (P,)
+        Their standard errors, 1/s; 0 where unknown.
     density : float
         kg/m^3; the model's, as sound does not tell it.
     name : str
@@ -320,6 +337,10 @@ class Calibration:
     freedom: float
     scatter: float
     losses: Losses
+    air: AirLosses | None
+    frequencies: Array
+    decays: Array
+    decay_errors: Array
     density: float
     name: str
     pairing: Pairing
@@ -331,6 +352,44 @@ class Calibration:
         """Standard errors of E / density, relative, and of Poisson's ratio."""
         relative, ratio = np.sqrt(np.diag(self.covariance))
         return float(relative), float(ratio)
+
+    @property
+    def air_fractions(self) -> Array:
+        """Fractions of the decay rates of the paired modes that are due to the air (P,).
+
+        They are NaN if the losses to the air are unknown.
+        """
+        if self.losses.air is None:
+            return np.full(len(self.pairing), np.nan)
+        material_decays = self.losses.law.decays(self.frequencies)
+        return self.losses.air.total / (self.losses.air.total + material_decays)
+
+    @property
+    def damping_errors(self) -> Array:
+        """Relative standard errors of the damping at the frequencies of the paired modes (P,)."""
+        return self.losses.errors(self.frequencies)
+
+    @checked
+    def of_density(self, density: float) -> Calibration:
+        """Return the calibration for a body of another density.
+
+        The heavier the body, the less the air takes from it: the damping is fitted again.
+
+        Parameters
+        ----------
+        density : float
+            Density, kg/m^3.
+
+        Returns
+        -------
+        Calibration
+            The calibration.
+        """
+        if self.air is None or density == self.density:
+            return replace(self, density=density)
+        air = self.air.scaled(1.0, density / self.density)
+        fitted = losses(self.frequencies, self.decays, self.decay_errors, air=air)
+        return replace(self, density=density, air=air, losses=fitted)
 
     @checked
     def interval(self, level: float = 0.95) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -373,14 +432,16 @@ class Calibration:
         Returns
         -------
         Material
-            The material.
+            The material. Its damping is without the losses to the air, which `analyze` adds for
+            each body; if they were not known, it contains them, and `analyze` adds none.
         """
-        chosen_density = self.density if density is None else density
+        if density is not None and density != self.density:
+            return self.of_density(density).material()
         stiffness, ratio = self.standard_errors
         return Material(
             name=f"{self.name} as heard",
-            density=chosen_density,
-            youngs_modulus=self.specific_stiffness * chosen_density,
+            density=self.density,
+            youngs_modulus=self.specific_stiffness * self.density,
             poisson_ratio=self.poisson_ratio,
             damping=self.losses.law,
             source=(
@@ -407,15 +468,58 @@ class Calibration:
             f"{name.replace('_', ' ')} {rounded(x, 4)}"
             for name, x in self.losses.coefficients.items()
         ]
+        errors = self.damping_errors
         rms_residual = np.sqrt(np.mean(self.residuals**2))
         return [
             f"E/density {modulus} m2/s2, error {rounded(100 * stiffness, 2)} %",
             f"Poisson   {self.poisson_ratio:.4f}, error {rounded(ratio, 2)}",
             f"E         {rounded(modulus_in_gpa, 5)} GPa, if the density is {density} kg/m3",
             f"damping   {'' if 'loss' in law[0] else f'{self.losses.name}: '}{', '.join(law)}",
+            f"          {_describe_errors(errors)}",
+            *self._air_summary(),
             f"pairs     {len(self.pairing)}; alone {extra} fitted modes, {missing} of the model",
             f"residual  {rounded(rms_residual, 2)} cents root mean square",
         ]
+
+    def _air_summary(self) -> list[str]:
+        """Return lines on what the air takes, and on modes from which it takes too much."""
+        if self.air is None:
+            return ["air       the model has no losses to it: the damping contains them"]
+        fractions, air_decays = self.air_fractions, self.air.total
+        max_mode = int(np.argmax(fractions))
+        fractions_text, place = (
+            _median_and_maximum(fractions),
+            rounded(self.frequencies[max_mode], 4),
+        )
+        lines = [f"air       takes {fractions_text}, at {place} Hz: the damping is without it"]
+        min_air_decays = self.air.surface + self.air.sound * 10 ** (-self.air.uncertainty / 10)
+        is_too_much, is_wrong = air_decays > self.decays, min_air_decays > self.decays
+        if is_too_much.any():
+            modes = counted(int(is_too_much.sum()), "mode")
+            lines.append(
+                f"note: by the air alone {modes} would decay faster than recorded, "
+                f"{int((is_too_much & ~is_wrong).sum())} within its uncertainty"
+            )
+        if is_wrong.any():
+            modes = counted(int(is_wrong.sum()), "mode")
+            lines.append(
+                f"caution: {modes} would by more than that uncertainty: check the size, the wall "
+                "and the density"
+            )
+        return lines
+
+
+def _describe_errors(errors: Array) -> str:
+    """Return the relative errors of the damping as text."""
+    if np.isfinite(errors).all():
+        return f"error {_median_and_maximum(errors)}"
+    count = int(np.count_nonzero(np.isinf(errors)))
+    return f"unknown for {count} of {len(errors)} modes: the air alone explains their decay"
+
+
+def _median_and_maximum(fractions: Array) -> str:
+    median, maximum = (rounded(100 * statistic(fractions), 2) for statistic in (np.median, np.max))
+    return f"{median} % in the median, {maximum} % at most"
 
 
 @checked
@@ -449,7 +553,9 @@ def calibrated(
     Returns
     -------
     Calibration
-        Constants with their standard errors.
+        Constants with their standard errors. If the decays of the model contain the losses to the
+        air, they are computed at the fitted frequencies and taken from the fitted decays before the
+        law of damping is chosen; else the law contains them.
 
     Raises
     ------
@@ -469,6 +575,8 @@ def calibrated(
     fit = elastic_fit(partials, Expected(model=model), pairing, material.poisson_ratio)
     base = inferable(model)
     mode_values = partials.natural_frequencies, partials.decays, partials.decay_errors
+    frequencies, decays, decay_errors = (values[pairing.fitted] for values in mode_values)
+    air = losses_to_air(model, frequencies, pairing.computed)
     covariance = fit.covariance + np.diag([(2 * size_error) ** 2, 0.0])
     return Calibration(
         specific_stiffness=base.youngs_modulus / base.density * float(np.exp(2 * fit.shift)),
@@ -476,12 +584,46 @@ def calibrated(
         covariance=covariance,
         freedom=fit.freedom,
         scatter=fit.scatter,
-        losses=losses(*(values[pairing.fitted] for values in mode_values)),
+        losses=losses(frequencies, decays, decay_errors, air=air),
+        air=air,
+        frequencies=frequencies,
+        decays=decays,
+        decay_errors=decay_errors,
         density=material.density,
         name=material.name,
         pairing=pairing,
         model=model,
         residuals=1200 / np.log(2) * fit.residuals,
+    )
+
+
+def losses_to_air(model: ModalModel, natural: Array, modes: Index) -> AirLosses | None:
+    """Return the losses of some modes (K,) to the air if they have other frequencies (K,), Hz.
+
+    None if the decays of the model do not contain such losses. A timbre field is computed at the
+    frequencies of the model alone: the losses by its sound follow the estimate from there, and by
+    as much as that changes they are uncertain.
+    """
+    gains = model.gains
+    if not (model.air and isinstance(gains, ShapeGains) and gains.losses):
+        return None
+    losses_of_estimate = gains.changed(natural, modes, 1.0, 1.0).losses
+    if not gains.directional or losses_of_estimate is None:
+        return losses_of_estimate
+    estimated_losses = ShapeGains.changed(
+        gains, model.natural_frequencies[modes], modes, 1.0, 1.0
+    ).losses
+    computed_losses = gains.losses.chosen(modes)
+    if estimated_losses is None:
+        return computed_losses
+    factors = losses_of_estimate.sound / np.maximum(estimated_losses.sound, np.finfo(float).tiny)
+    changes = np.abs(10 * np.log10(np.maximum(factors, np.finfo(float).tiny)))
+    return replace(
+        losses_of_estimate,
+        sound=computed_losses.sound * factors,
+        uncertainty=np.minimum(
+            computed_losses.uncertainty + changes, losses_of_estimate.uncertainty
+        ),
     )
 
 
