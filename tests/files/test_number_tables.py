@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from struck.errors import FileFormatError
+from struck.errors import FileFormatError, OptionError
 from struck.files import save_table
 from struck.model import NumberTable
 
@@ -35,6 +35,11 @@ def test_other_endings_are_refused(tmp_path: Path) -> None:
         save_table(TABLE, tmp_path / "bands.txt")
     with pytest.raises(FileFormatError):
         save_table(TABLE, tmp_path / "missing" / "bands.csv")
+
+
+def test_columns_of_other_lengths_are_refused() -> None:
+    with pytest.raises(OptionError, match=r"b: the shape is \(3,\) and must be \(2,\)"):
+        NumberTable(columns={"a": np.zeros(2), "b": np.zeros(3)})
 
 
 def test_text_has_four_digits() -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from struck.errors import rounded
-from struck.model.arrays import Array, Index, brief, checked
+from struck.model.arrays import Array, Index, brief, checked, require_numbers
 from struck.model.html import aligned, table
 
 # IEC 61260-1:2014, 5.2 to 5.5: ten bands in a factor of 10, 1 kHz is the centre of one, and the
@@ -29,6 +29,11 @@ class NumberTable:
     columns : mapping of str to array (N,)
         Columns by heading, which contains the unit; NaN for an unknown number.
 
+    Raises
+    ------
+    OptionError
+        If the columns differ in length.
+
     Examples
     --------
     >>> print(struck.model.NumberTable(columns={"Hz": np.array([440.0]), "1/s": np.array([2.5])}))
@@ -38,6 +43,11 @@ class NumberTable:
 
     __repr__ = brief
     columns: Mapping[str, Index | Array]
+
+    def __post_init__(self) -> None:
+        first = next(iter(self.columns.values()), np.zeros(0))
+        for heading, column in self.columns.items():
+            require_numbers(heading, column, np.shape(first)[:1] or (0,), gaps=True)
 
     @property
     def headings(self) -> tuple[str, ...]:

@@ -118,8 +118,11 @@ class Energy:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("entered", *_PARTS):
-            require_numbers(name, getattr(self, name), np.shape(self.frequencies))
+        shape = np.shape(self.frequencies)
+        for name in ("frequencies", "entered", *_PARTS):
+            require_numbers(name, getattr(self, name), shape)
+        # Infinite of a mode without losses.
+        require_numbers("radiated", self.radiated, shape, least=0, gaps=True)
 
     @property
     def total(self) -> dict[str, float]:
