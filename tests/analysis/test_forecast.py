@@ -20,7 +20,7 @@ from struck.shapes import CircularPlate, RectangularPlate
 from struck.solids import Block, Tube
 from struck.solids.resolution import MOST_MODES, Forecast, coarser
 from struck.solids.revolution import bell, bowl, wine_glass
-from tests.yardstick import seconds_foretold
+from tests.yardstick import seconds_foretold, slowness
 
 STEEL, BRONZE, GLASS = (Material.named(name) for name in ("steel", "bronze", "glass"))
 
@@ -115,7 +115,10 @@ def test_forecasts_are_within_a_factor_of_two_in_modes_and_three_in_seconds(name
     told = Forecast.of(outline, STEEL)
     assert 0.5 < told.modes(20_000) / len(found.frequencies) < 2
     assert told.lowest / found.frequencies[0] < 2  # else bodies with modes would be refused
-    assert 1 / 3 < seconds_foretold(stages) / taken < 3
+    here, slow = seconds_foretold(stages), slowness()
+    # The machine may have been quicker during the analysis than it is now, or slower.
+    assert here * max(1.0, 1 / slow) / taken > 1 / 3
+    assert here * min(1.0, 1 / slow) / taken < 3
 
 
 def nut(size: float) -> trimesh.Trimesh:

@@ -260,7 +260,7 @@ _MIN_RISE = 6.0  # a curved wall rises by at least this many thicknesses
 _UNITS = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254}
 _MIN_OBJECT_LENGTH, _MAX_OBJECT_LENGTH = 5e-3, 3.0  # m: lengths of things that are struck
 # Seconds of a processor of 2023, and bytes: at all, a node, and a node and mode.
-_SECONDS, _MEMORY = (0.25, 3.5e-4, 8e-6), (3e7, 4.5e4, 65.0)
+_SECONDS, _MEMORY = (0.2, 2.6e-4, 8e-6), (3e7, 4.5e4, 65.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
