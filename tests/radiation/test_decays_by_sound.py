@@ -104,8 +104,6 @@ def comparisons() -> dict[str, Comparison]:
             estimate_error=gains.losses.uncertainty[modes],
             field_error=field.uncertainty[modes],
         )
-        errors = 10 * np.log10(results[name].estimate / results[name].field)
-        print(name, errors.round(1), results[name].total_errors.round(1))  # noqa: T201
     return results
 
 
