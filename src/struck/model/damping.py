@@ -164,7 +164,7 @@ class Measured:
     t60 : tuple of float, optional
         Instead of `rates`: times of a decay by 60 dB, s; d = ln 1000 / T60.
     contains_air : bool, default True
-        Whether the rates contain the losses to the air, as those of a body that was heard do. These
+        Whether the rates contain the losses to the air, as those of a recorded body do. These
         are then not added.
 
     Raises
