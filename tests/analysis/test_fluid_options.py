@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 import pytest
@@ -26,8 +26,21 @@ HEAD = CircularMembrane(radius=0.3302, thickness=0.00019, tension=4000.0)
 BOWL = bowl(radius=0.06, height=0.04, wall=0.002)
 
 
+class FluidArguments(TypedDict):
+    filled: float | None
+    immersed: float | None
+    air_mass: bool
+
+
 @cache
-def analyzed(name: str, **options: Any) -> struck.ModalModel:  # noqa: ANN401 - of `analyze`
+def analyzed(
+    name: str,
+    *,
+    filled: float | None = None,
+    immersed: float | None = None,
+    air_mass: bool = False,
+) -> struck.ModalModel:
+    options: FluidArguments = {"filled": filled, "immersed": immersed, "air_mass": air_mass}
     if name == "bowl":
         return struck.analyze(BOWL, "glass", accuracy="preview", band=(20, 3000), **options)
     if name == "head":

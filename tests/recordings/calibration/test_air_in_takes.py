@@ -17,6 +17,7 @@ import pytest
 
 import struck
 from struck import InternalFriction, Material, ModalModel, Rayleigh
+from struck.model.contact import Place
 from struck.model.damping import Damping, contains_air
 from struck.recordings.calibration.calibration import calibrated
 from struck.solids import Block, Tube, bowl
@@ -32,7 +33,7 @@ class Body:
     material: str
     damping: Damping
     highest: float
-    places: tuple[object, ...]
+    places: tuple[Place, ...]
 
     def analyzed(self) -> ModalModel:
         material = Material.named(self.material).damped(self.damping)
@@ -91,7 +92,7 @@ BODIES = {
 }
 
 
-def taken(model: ModalModel, place: Any, seed: int) -> struck.Sound:  # noqa: ANN401 - a name or a point
+def taken(model: ModalModel, place: Place, seed: int) -> struck.Sound:
     """Return the take of a strike with noise."""
     strike = struck.Strike(at=place, impulse=0.01, duration=5e-5)
     listener = LISTENERS[seed % len(LISTENERS)]
@@ -101,7 +102,7 @@ def taken(model: ModalModel, place: Any, seed: int) -> struck.Sound:  # noqa: AN
     return struck.Sound(samples=samples[None].astype(np.float32), sample_rate=RATE)
 
 
-def fitted(model: ModalModel, places: tuple[Any, ...]) -> ModalModel:
+def fitted(model: ModalModel, places: tuple[Place, ...]) -> ModalModel:
     takes = [taken(model, place, seed) for seed, place in enumerate(places)]
     return struck.fit(takes, modes=None, cache=False, progress=None)
 
