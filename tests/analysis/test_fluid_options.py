@@ -117,9 +117,10 @@ def air_notes(model: struck.ModalModel) -> list[str]:
 
 def test_a_light_sheet_states_once_that_it_lacks_the_air() -> None:
     (note,) = air_notes(analyzed("head"))
-    assert "lowest mode by about 34 %" in note
+    assert "lowest mode of the body analyzed by about 34 %" in note
     assert "air_mass=True (--air-mass)" in note
     assert not air_notes(analyzed("head", air_mass=True))
+    assert not air_notes(add_air_mass(analyzed("head")))
     assert air_notes(analyzed("head").scaled(0.5)) == [note]
     assert not air_notes(analyzed("plate"))
 

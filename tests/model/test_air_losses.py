@@ -11,6 +11,7 @@ import trimesh
 
 import struck
 from struck.errors import OptionError
+from struck.explorer.facts import change
 from struck.model.air_losses import AirLosses
 from struck.model.gains import ShapeGains
 from struck.model.material import AIR
@@ -155,3 +156,29 @@ def test_the_air_is_counted_once(
     np.testing.assert_allclose(
         changed.frequencies, np.sqrt(natural**2 - (expected / (2 * np.pi)) ** 2), rtol=1e-9
     )
+
+
+def test_twins_are_modes_of_one_frequency_in_any_order() -> None:
+    bar = struck.shapes.Bar(length=0.3, width=0.03, thickness=0.005)
+    gains = struck.analyze(bar, "steel", band=(20, 8000)).gains
+    assert isinstance(gains, ShapeGains)
+    frequencies = np.array([810.0, 800.0])
+    shapes = gains.shapes[:, :, :2]
+    arguments = (gains.surface, shapes, frequencies, gains.centre, gains.radiation)
+    falling = ShapeGains.radiating(*arguments).losses
+    expected = ShapeGains.radiating(
+        gains.surface, shapes[:, :, ::-1], frequencies[::-1], gains.centre, gains.radiation
+    ).losses
+    assert falling is not None
+    assert expected is not None
+    np.testing.assert_allclose(falling.sound, expected.sound[::-1])
+
+
+@pytest.mark.parametrize("wishes", [{}, {"size": 1, "damping": 1, "material": "steel"}])
+def test_a_change_to_the_same_body_keeps_its_decays(wishes: dict[str, object]) -> None:
+    plate = struck.shapes.RectangularPlate(length=0.3, width=0.2, thickness=0.001)
+    model = struck.analyze(plate, "steel", band=(20, 1000))
+    assert (model.air_decays > 0.1 * model.decays).any()
+    answer = change(model, wishes)
+    np.testing.assert_allclose(answer["decays"], model.decays)
+    np.testing.assert_allclose(answer["frequencies"], model.frequencies)

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 import struck
+from struck import Measured
 from struck.errors import OptionError
 from struck.model.gains import ShapeGains
 from struck.model.material import AIR
@@ -17,6 +18,7 @@ from struck.model.radiation_efficiency import known_losses
 from struck.model.third_octaves import ThirdOctaves
 from struck.model.timbre_table import SinglePoint
 from struck.radiation import by_name
+from struck.report.model_page import summary
 from struck.shapes import RectangularPlate
 from tests.radiation.bodies import ball
 
@@ -102,13 +104,30 @@ def test_bands_are_those_of_the_standard() -> None:
 
 def test_models_without_power_are_refused() -> None:
     papers = sphere(ball(RADIUS, 4).points, "heuristic1998")
-    with pytest.raises(OptionError, match="as the gains are relative: analyze a body"):
+    with pytest.raises(OptionError, match="as its gains are relative: analyze a body"):
         papers.radiated_power()
     recorded = replace(
         papers, gains=SinglePoint(outputs=np.ones(4, np.complex128)), geometry=None, coordinates=()
     )
-    with pytest.raises(OptionError, match="as the gains are of recordings"):
+    with pytest.raises(OptionError, match="as its gains are of recordings"):
         recorded.radiated_power()
+
+
+@pytest.mark.parametrize("is_in_law", [False, True])
+def test_fractions_are_those_of_the_energy_whoever_counts_the_air(*, is_in_law: bool) -> None:
+    plate = RectangularPlate(length=0.3, width=0.2, thickness=0.002)
+    model = struck.analyze(plate, "aluminium", band=(20, 3000))
+    if is_in_law:
+        model = model.damped(Measured(frequencies=[20, 3000], rates=[1, 20], contains_air=True))
+        assert not model.air_decays.any()
+    energy = struck.energy(model, struck.Strike(impulse=0.01, duration=1e-4))
+    expected = energy.sound / energy.entered
+    fractions = model.radiated_power().fractions
+    assert expected.max() > 0.1
+    np.testing.assert_allclose(fractions, expected)
+    lines = [line for line in summary(model) if line.startswith("air ")]
+    assert "leaves out" not in lines[0]
+    assert ("as the damping law does" in lines[0]) == is_in_law
 
 
 def test_losses_of_older_files_are_those_of_their_outputs() -> None:

@@ -12,6 +12,7 @@ closed volume (D. R. Raichel, "The Science and Applications of Acoustics", table
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -27,6 +28,7 @@ import struck
 from struck import ModalModel
 from struck.errors import OptionError
 from struck.explorer.facts import change
+from struck.model.gains import ShapeGains
 from struck.model.material import AIR, Air
 from struck.model.mesh import Mesh
 from struck.radiation import add_air_mass, fill, immerse
@@ -583,3 +585,18 @@ def test_tubes_and_closed_cavities_hold_no_water() -> None:
     assert find_cavity_walls(hollow, 0.0).mesh.points[:, 2].min() == pytest.approx(-0.8, abs=0.01)
     with pytest.raises(OptionError, match="give a level between"):
         find_cavity_walls(hollow, 0.9)
+
+
+def test_modes_in_the_plane_of_a_sheet_move_no_air() -> None:
+    plate = CircularPlate(radius=0.1, thickness=0.002, edge="clamped")
+    model = struck.analyze(plate, "steel", band=(20, 2500))
+    gains = model.gains
+    assert isinstance(gains, ShapeGains)
+    shapes = gains.shapes.copy()
+    shapes[:, 2, 1] = 0.0
+    sliding = replace(model, gains=replace(gains, shapes=shapes))
+    loaded, expected = add_air_mass(sliding), add_air_mass(model)
+    # The twin, lowered by the air, comes before the mode that is not.
+    frequencies = expected.natural_frequencies.copy()
+    frequencies[2] = model.natural_frequencies[1]
+    np.testing.assert_allclose(loaded.natural_frequencies, frequencies, rtol=1e-4)

@@ -16,8 +16,10 @@ import struck
 from struck import ForceTrack, Hold, Material, ModalModel, Pluck, Scrape, Strike
 from struck.errors import OptionError
 from struck.excitation.hertz import Striker, effective_mass
-from struck.model.material import AIR
+from struck.model.gains import ShapeGains
+from struck.model.material import AIR, Air
 from struck.model.timbre_table import SinglePoint
+from struck.radiation.radiated_power import RadiatedPower
 from struck.scene import Energy
 from struck.scene.body import Action
 from struck.shapes import Bar, CircularPlate, RectangularPlate, RoundSection, String
@@ -290,6 +292,58 @@ def test_modes_without_losses_keep_their_energy() -> None:
     assert not energy.material.any()
     assert any("without losses keep what entered" in note for note in energy.notes)
     assert np.isinf(energy.radiated).any()
+
+
+def test_modes_without_losses_keep_what_any_force_brings() -> None:
+    bar = Bar(length=0.3, width=0.03, thickness=0.005)
+    lossless = Material.named("steel").damped(struck.InternalFriction(loss_tangent=0.0))
+    model = struck.analyze(bar, lossless, band=(20, 8000), air=False)
+    for action in (Pluck(), Strike(impulse=0.01), Strike(impulse=0.01, duration=1e-4)):
+        energy = struck.energy(model, action)
+        assert np.isposinf(energy.radiated[energy.entered > 0]).all()
+        assert (energy.entered > 0).any()
+
+
+def test_forces_end_with_the_seconds_whatever_else_touches_the_body() -> None:
+    model = model_of("bar", "oak")
+    strike = Strike(impulse=0.01, duration=0.01)
+    cut = struck.energy(model, strike, seconds=0.001)
+    held = struck.energy(model, [strike, Hold(time=0.5, seconds=1e-5)], seconds=0.001)
+    np.testing.assert_allclose(cut.entered, held.entered)
+    assert cut.entered.sum() > 3 * struck.energy(model, strike).entered.sum()
+
+
+def test_energies_are_of_the_air_that_the_gains_are_for() -> None:
+    model = model_of("plate", "abs")
+    gains = model.gains
+    assert isinstance(gains, ShapeGains)
+    assert model.geometry is not None
+    energies = []
+    for air in (AIR, Air.at(pressure=3e5)):
+        air_gains = ShapeGains.radiating(
+            model.geometry,
+            gains.shapes,
+            model.natural_frequencies,
+            gains.centre,
+            RadiatedPower(air=air),
+        )
+        changed = replace(model, gains=air_gains, air=False)
+        energies.append(struck.energy(changed, Strike(impulse=0.01, duration=1e-4)))
+    thin, dense = energies
+    ratio = dense.radiated.sum() / thin.radiated.sum()
+    assert ratio == pytest.approx(3, rel=0.03)
+    assert dense.modes_sound / thin.modes_sound == pytest.approx(ratio, rel=0.01)
+
+
+def test_notes_of_what_energies_leave_out() -> None:
+    bar = Bar(length=0.3, width=0.03, thickness=0.005)
+    empty = struck.analyze(bar, "steel", band=(20, 60))
+    assert not len(empty.decays)
+    assert not any("air" in note for note in struck.energy(empty, Strike(impulse=0.01)).notes)
+    plate = RectangularPlate(length=0.2, width=0.15, thickness=0.002)
+    wet = struck.analyze(plate, "aluminium", band=(20, 1500), immersed=np.inf)
+    notes = struck.energy(wet, Strike(impulse=0.01)).notes
+    assert any("leaves out the mass of the water" in note for note in notes)
 
 
 def test_impossible_balances_are_refused() -> None:

@@ -10,7 +10,7 @@ from struck.model.arrays import require_number
 from struck.model.mesh import MAX_COORDINATE
 from struck.model.model import ModalModel
 from struck.radiation import add_air_mass, fill, immerse
-from struck.radiation.fluid_loading import estimate_air_lowering
+from struck.radiation.fluid_loading import AIR_LEFT_OUT, estimate_air_lowering
 
 # Lowering of the lowest mode by the air, from which on a model has a note that it leaves it out:
 # twice the error that most frequencies have at the default accuracy.
@@ -43,11 +43,14 @@ class FluidOptions:
                 "leave filled= out"
             )
         if self.air_mass and (self.inner_level is not None or self.outer_level is not None):
-            water = f"filled is {self.inner_level}"
-            if self.inner_level is None:
-                water = f"immersed is {self.outer_level}"
+            if self.inner_level is not None:
+                water = f"filled is {rounded(self.inner_level, 4)} m"
+            elif self.outer_level is not None and math.isfinite(self.outer_level):
+                water = f"immersed is {rounded(self.outer_level, 4)} m"
+            else:
+                water = "immersed is inf"
             raise OptionError(
-                f"air_mass is True and {water} m: a body in water is loaded by the water alone; "
+                f"air_mass is True and {water}: a body in water is loaded by the water alone; "
                 "leave one of them out"
             )
 
@@ -64,7 +67,7 @@ class FluidOptions:
         if not lowering > _MIN_LOWERING:
             return model
         note = (
-            "the mass of the air, which lowers the lowest mode by about "
+            f"{AIR_LEFT_OUT}, which lowers the lowest mode of the body analyzed by about "
             f"{rounded(100 * lowering, 2)} %: air_mass=True (--air-mass) includes it"
         )
         return replace(model, provenance=model.provenance.extended(dropped=(note,)))

@@ -191,7 +191,8 @@ def describe_model(
     remark = [f"... and {left} more: struck info MODEL --modes {len(object_modes)}"] if left else []
     blocks = [*places, *([""] if places else []), *aligned(rows), *remark]
     blocks += [] if whole else ["how it was made: struck info MODEL --all"]
-    lines = [item for item in summary(model, whole=whole) if not (places and item[:6] == "places")]
+    lines = summary(model, whole=whole, power=power)
+    lines = [line for line in lines if not (places and line.startswith("places"))]
     return Result(
         [*lines, "", *blocks, *last],
         frequencies=model.frequencies[reported_modes].tolist(),

@@ -165,7 +165,9 @@ def change(model: ModalModel, request: Mapping[str, Any]) -> dict[str, Any]:
     # Gains are replaced by the numbers of modes, to find the modes that stay: changes of gains keep
     # their phase.
     numbers = SinglePoint(outputs=np.array([complex(1, n) for n in range(len(model.frequencies))]))
-    changed_model = replace(model, gains=numbers, geometry=None, places={})
+    # Without the losses to the air, which those of the changed body replace.
+    decays = model.decays - model.air_decays
+    changed_model = replace(model, gains=numbers, decays=decays, geometry=None, places={})
     name = request.get("material")
     if name is not None and (model.material is None or name != model.material.name):
         changed_model = changed_model.made_of(_find_material(model, name))

@@ -706,7 +706,8 @@ def _twin_groups(frequencies: Array) -> Index:
     """Return for each mode (M,) the number of its group of modes of one frequency."""
     # These are turned copies of one another, which radiate the same power; their estimates differ
     # by their angle to the faces.
-    return np.cumsum(np.diff(frequencies, prepend=-np.inf) > _TWIN_RATIO * frequencies) - 1
+    steps = np.abs(np.diff(frequencies, prepend=-np.inf))
+    return np.cumsum(steps > _TWIN_RATIO * frequencies) - 1
 
 
 def quarter_turns(frequencies: Array) -> Complex:

@@ -686,12 +686,7 @@ class ModalModel:
         """
         from struck.model.radiation_efficiency import RadiationEfficiency
 
-        return RadiationEfficiency.of(
-            self.gains,
-            self.frequencies,
-            self.decays,
-            contains_air=bool(self.air_decays.any()),
-        )
+        return RadiationEfficiency.of(self)
 
     def cite(self) -> str:
         """List the papers behind this model.

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from struck.errors import OptionError
 from struck.model.air_losses import AirLosses, decays_of_pressures
 from struck.model.arrays import Array, brief, checked, require_numbers
-from struck.model.gains import Gains, ShapeGains, SkinRadiation
-from struck.model.material import AIR
+from struck.model.damping import contains_air
+from struck.model.gains import ShapeGains, SkinRadiation
+from struck.model.material import AIR, Air
 from struck.model.third_octaves import NumberTable, ThirdOctaves
+
+if TYPE_CHECKING:
+    from struck.model.model import ModalModel
 
 _ESTIMATE_ERROR = 9.0  # dB, the largest error of the estimate in docs, "Measured errors"
 
@@ -20,12 +25,47 @@ def known_losses(gains: ShapeGains) -> AirLosses:
     """Return the losses to the air of calibrated gains, of older files from their outputs."""
     if gains.losses is not None:
         return gains.losses
-    sound = decays_of_pressures(np.abs(gains.outputs), AIR.impedance)
+    sound = decays_of_pressures(np.abs(gains.outputs), air_around(gains).impedance)
     return AirLosses(
         sound=sound,
         surface=np.zeros(len(sound)),
         uncertainty=np.full(len(sound), _ESTIMATE_ERROR),
     )
+
+
+def require_calibrated(model: ModalModel) -> ShapeGains:
+    """Return the gains of a model whose energies are known; OptionError on others."""
+    gains = model.gains
+    if not isinstance(gains, ShapeGains) or not gains.calibrated:
+        source = "of recordings" if model.recorded else "relative"
+        raise OptionError(
+            f"no energy in J and no power in W is known of this model, as its gains are {source}: "
+            "analyze a body with radiation='power'"
+        )
+    return gains
+
+
+def air_around(gains: ShapeGains) -> Air:
+    """Return the air that calibrated gains were computed for."""
+    return gains.radiation.air if isinstance(gains.radiation, SkinRadiation) else AIR
+
+
+def external_decays(model: ModalModel) -> Array:
+    """Return the part of the decay rates (M,) that the damping law ascribes to the support, 1/s."""
+    law = None if model.material is None else model.material.damping
+    external_rate = getattr(law, "external", 0.0)
+    return np.minimum(external_rate if np.ndim(external_rate) == 0 else 0.0, model.decays)
+
+
+def contained_air_decays(model: ModalModel, losses: AirLosses) -> Array:
+    """Return the part of the decay rates (M,) that is loss to the air, 1/s.
+
+    It was added to the damping law, or is contained in it.
+    """
+    law = None if model.material is None else model.material.damping
+    is_in_law = law is not None and contains_air(law)
+    air_decays = losses.total if is_in_law else model.air_decays
+    return np.minimum(air_decays, model.decays - external_decays(model))
 
 
 @checked
@@ -49,7 +89,7 @@ class RadiationEfficiency:
         Decay rates by radiated sound, 1/s.
     fractions : array (M,)
         Fraction of all energy lost by the mode that leaves as sound, 0 to 1. It is 0 if the decay
-        rates leave the air out.
+        rates leave the air out, and estimated if the damping law contains the air.
     uncertainties : array (M,)
         Uncertainty of the radiated power, dB: within it for 19 of 20 modes.
     area : float
@@ -84,21 +124,13 @@ class RadiationEfficiency:
             require_numbers(name, getattr(self, name), modes, least=0)
 
     @classmethod
-    def of(
-        cls, gains: Gains, frequencies: Array, decays: Array, *, contains_air: bool
-    ) -> RadiationEfficiency:
+    def of(cls, model: ModalModel) -> RadiationEfficiency:
         """Compute the efficiencies of modes; see `ModalModel.radiated_power`.
 
         Parameters
         ----------
-        gains : Gains
-            Gains of the modes.
-        frequencies : array (M,)
-            Ringing frequencies, Hz.
-        decays : array (M,)
-            Decay rates by all losses, 1/s.
-        contains_air : bool
-            Whether these contain the losses to the air that the gains know.
+        model : ModalModel
+            Model with calibrated radiation.
 
         Returns
         -------
@@ -110,12 +142,7 @@ class RadiationEfficiency:
         OptionError
             If the gains are relative, or of recordings.
         """
-        if not isinstance(gains, ShapeGains) or not gains.calibrated:
-            source = "relative" if isinstance(gains, ShapeGains) else "of recordings"
-            raise OptionError(
-                f"the power in W is not known, as the gains are {source}: analyze a body with "
-                "radiation='power'"
-            )
+        gains = require_calibrated(model)
         losses = known_losses(gains)
         if not isinstance(gains.radiation, SkinRadiation):
             raise OptionError(
@@ -129,17 +156,21 @@ class RadiationEfficiency:
         efficiencies = np.divide(
             losses.sound, motions, out=np.zeros_like(motions), where=motions > 0
         )
-        included_decays = losses.sound if contains_air else np.zeros_like(losses.sound)
+        # Where decay rates contain less of the air than the estimate, both parts are reduced.
+        sound_fractions = np.divide(
+            losses.sound, losses.total, out=np.zeros_like(losses.sound), where=losses.total > 0
+        )
+        included_decays = contained_air_decays(model, losses) * sound_fractions
         return cls(
-            frequencies=frequencies,
+            frequencies=model.frequencies,
             efficiencies=efficiencies,
             mean_squares=mean_squares,
             decays=losses.sound,
             fractions=np.divide(
                 included_decays,
-                decays,
+                model.decays,
                 out=np.zeros_like(included_decays),
-                where=decays > 0,
+                where=model.decays > 0,
             ),
             uncertainties=losses.uncertainty,
             area=area,

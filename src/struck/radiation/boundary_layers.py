@@ -16,6 +16,7 @@ from scipy import sparse
 from struck.model.arrays import Array, Complex
 from struck.model.material import Air
 from struck.model.mesh import Mesh
+from struck.radiation.on_surface import opposite_edges
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -33,9 +34,7 @@ class BoundaryLayers:
     @classmethod
     def of(cls, mesh: Mesh, stiffness: sparse.csc_array, masses: Array) -> BoundaryLayers:
         """Prepare a skin with the surface Laplacian `stiffness` (V, V) and `masses` (V,)."""
-        corners = mesh.points[mesh.faces]
-        opposite_edges = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
-        gradients = np.cross(mesh.face_normals[:, None], opposite_edges) / 2  # times area, m
+        gradients = np.cross(mesh.face_normals[:, None], opposite_edges(mesh)) / 2  # times area, m
         columns = np.repeat(np.arange(mesh.faces.size).reshape(-1, 1, 3), 3, axis=1)
         rows = np.repeat(mesh.faces[:, :, None], 3, axis=2)
         entries = (gradients.ravel(), (rows.ravel(), columns.ravel()))

@@ -48,6 +48,12 @@ _ELEMENTS_PER_WAVE = 6  # as for radiated fields: fewer do not resolve the shape
 _SPLINE_NODES = 9  # wave numbers of a sheet's added mass, between which a spline interpolates
 _SHEET_RATIO = 0.05  # thickness over extent above which a flat body counts as a solid one
 _MIN_COSINE = 0.99  # cosine between a normal and z, from which a face lies in the plane of a sheet
+_MAX_AREA_DIFFERENCE = 0.01  # of the upper side and the lower one of a sheet, over the area
+# Mean square of the motion across a sheet, over the largest, below which a mode moves in its plane.
+# Bending modes, mass-normalised, differ by a factor of 4 at most.
+_MIN_BENDING = 0.1
+# Start of the note on a model that leaves out a mass of the air that matters.
+AIR_LEFT_OUT = "the mass of the air"
 # Fraction of the modes whose frequencies are computed again without the rest, and the difference up
 # to which a frequency counts as converged.
 _SUBSPACE_FRACTION, _MAX_ERROR = 0.75, 0.01
@@ -419,6 +425,8 @@ class _Motions:
         leading_modes = np.argmax(np.abs(vectors[first:]), axis=0)
         slopes, errors = model.poisson_slopes, model.errors
         lowering = float(np.min(frequencies / model.natural_frequencies))
+        provenance = model.provenance
+        others = tuple(note for note in provenance.dropped if not note.startswith(AIR_LEFT_OUT))
         loaded_model = replace(
             model,
             frequencies=frequencies,
@@ -429,7 +437,7 @@ class _Motions:
             # A mode beyond the model's may have come down as far as its lowest ratio.
             complete_to=model.complete_to * min(lowering, 1.0),
             recoil=None,
-            provenance=model.provenance.extended(
+            provenance=replace(provenance, dropped=others).extended(
                 references=("lamb1920", "wilton1984"),
                 dropped=self._notes(estimates, frequencies),
                 **details,
@@ -506,7 +514,7 @@ class _FlatSheet:
         heights = surface.face_normals[:, 2]
         upper, lower = (np.flatnonzero(sign * heights > _MIN_COSINE) for sign in (1, -1))
         area = surface.areas[upper].sum()
-        if not len(upper) or abs(area - surface.areas[lower].sum()) > (1 - _MIN_COSINE) * area:
+        if not len(upper) or abs(area - surface.areas[lower].sum()) > _MAX_AREA_DIFFERENCE * area:
             return None
         return cls(mesh=submesh(surface, upper), vertices=np.unique(surface.faces[upper]))
 
@@ -651,15 +659,19 @@ def _shape_waves(mesh: Mesh, velocities: Array, squares: Array, model: ModalMode
     """Return wave numbers of the shapes of a sheet (M,), 1/m, by its law of dispersion.
 
     They grow with the frequency of a membrane, and with its root on a plate. The factor is the
-    median over the lower half of the modes, whose shapes the triangles represent best, of the root
-    of the mean squared slope over the mean square.
+    median over the lower half of the bending modes, whose shapes the triangles represent best, of
+    the root of the mean squared slope over the mean square.
     """
-    low_shapes = velocities[:, : (len(squares) + 1) // 2]
     stiffness, masses = laplacian(mesh)
-    slopes = np.einsum("vm,vm->m", low_shapes, stiffness @ low_shapes)
-    waves = np.sqrt(slopes / (masses @ np.square(low_shapes)))
     laws = squares ** (1 / 2 if model.tensioned else 1 / 4)
-    return np.median(waves / laws[: len(waves)]) * laws
+    mean_squares = masses @ np.square(velocities)
+    # Modes in the plane of the sheet follow another law.
+    bending = np.flatnonzero(mean_squares > _MIN_BENDING * mean_squares.max(initial=0.0))
+    low = bending[: (len(bending) + 1) // 2]
+    if not len(low):
+        return laws
+    slopes = np.einsum("vm,vm->m", velocities[:, low], stiffness @ velocities[:, low])
+    return np.median(np.sqrt(slopes / mean_squares[low]) / laws[low]) * laws
 
 
 def _block_mass(

@@ -26,6 +26,7 @@ from struck.radiation.boundary_elements import (
     row_blocks,
     run_in_threads,
 )
+from struck.radiation.on_surface import face_means, opposite_edges, weigh_corners
 
 
 def surface_mass(
@@ -91,15 +92,14 @@ class SheetInFluid:
     @cached_property
     def gradients(self) -> tuple[sparse.csr_array, sparse.csr_array]:
         """Derivatives along x and y of functions linear on the triangles, each (F, V), 1/m."""
-        corners = self.mesh.points[self.mesh.faces]
-        opposite_edges = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
-        slopes = np.cross([0.0, 0.0, 1.0], opposite_edges) / (2 * self.mesh.areas)[:, None, None]
-        return self._spread_weights(slopes[:, :, 0]), self._spread_weights(slopes[:, :, 1])
+        normals = np.cross([0.0, 0.0, 1.0], opposite_edges(self.mesh))
+        slopes = normals / (2 * self.mesh.areas)[:, None, None]
+        return weigh_corners(self.mesh, slopes[:, :, 0]), weigh_corners(self.mesh, slopes[:, :, 1])
 
     @cached_property
     def means(self) -> sparse.csr_array:
         """Means over the triangles of functions that are linear on them (F, V)."""
-        return self._spread_weights(np.full(self.mesh.faces.shape, 1 / 3))
+        return face_means(self.mesh)
 
     @cached_property
     def products(self) -> sparse.csr_array:
@@ -110,15 +110,6 @@ class SheetInFluid:
         size = len(self.mesh.points)
         return sparse.csr_array(
             (weights.ravel(), (rows.ravel(), columns.ravel())), shape=(size, size)
-        )
-
-    def _spread_weights(self, weights: Array) -> sparse.csr_array:
-        """Return the matrix (F, V) that weights (F, 3) of the corners make."""
-        count = len(self.mesh.faces)
-        indptr = np.arange(0, 3 * count + 1, 3)
-        columns = self.mesh.faces.ravel()
-        return sparse.csr_array(
-            (weights.ravel(), columns, indptr), shape=(count, len(self.mesh.points))
         )
 
     @cached_property

@@ -51,11 +51,25 @@ class Skin:
 
 def face_velocities(surface: Mesh, shapes: NDArray[np.floating]) -> Array:
     """Return velocities (F, 3, M) of the faces, means of vertex motions `shapes` (V, 3, M)."""
-    faces = surface.faces
-    indptr, weights = np.arange(0, faces.size + 1, 3), np.full(faces.size, 1 / 3)
-    means = sparse.csr_array((weights, faces.ravel(), indptr), (len(faces), len(surface.points)))
     flat = shapes.reshape(len(surface.points), -1)
-    return np.asarray(means @ flat).reshape(len(faces), 3, -1)
+    return np.asarray(face_means(surface) @ flat).reshape(len(surface.faces), 3, -1)
+
+
+def face_means(mesh: Mesh) -> sparse.csr_array:
+    """Return the matrix (F, V) to the means over the faces from values at the vertices."""
+    return weigh_corners(mesh, np.full(mesh.faces.shape, 1 / 3))
+
+
+def weigh_corners(mesh: Mesh, weights: Array) -> sparse.csr_array:
+    """Return the matrix (F, V) of the sums over the corners of the faces with weights (F, 3)."""
+    indptr, shape = np.arange(0, mesh.faces.size + 1, 3), (len(mesh.faces), len(mesh.points))
+    return sparse.csr_array((weights.ravel(), mesh.faces.ravel(), indptr), shape=shape)
+
+
+def opposite_edges(mesh: Mesh) -> Array:
+    """Return the edge opposite to each corner of each face (F, 3, 3), m."""
+    corners = mesh.points[mesh.faces]
+    return np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
 
 
 def normal_velocities(surface: Mesh, shapes: NDArray[np.floating]) -> Array:
@@ -166,11 +180,8 @@ def laplacian(mesh: Mesh) -> tuple[sparse.csc_array, Array]:
 
     Linear finite elements on the faces (the cotangent Laplacian; Pinkall & Polthier 1993).
     """
-    corners = mesh.points[mesh.faces]
-    opposite_edges = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
-    products = (
-        np.einsum("fid,fjd->fij", opposite_edges, opposite_edges) / (4 * mesh.areas)[:, None, None]
-    )
+    edges = opposite_edges(mesh)
+    products = np.einsum("fid,fjd->fij", edges, edges) / (4 * mesh.areas)[:, None, None]
     rows, columns = np.repeat(mesh.faces, 3, axis=1), np.tile(mesh.faces, (1, 3))
     shape = (len(mesh.points), len(mesh.points))
     stiffness = sparse.coo_array((products.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
@@ -289,15 +300,11 @@ class PointSources:
         flows = _gathering(labels, mesh.areas[:, None])
         positions = np.asarray(flows @ mesh.centroids) / flows.sum(axis=1)[:, None]
         arms = mesh.centroids - positions[labels]
-        indptr = np.arange(0, mesh.faces.size + 1, 3)
-        thirds = np.full(mesh.faces.size, 1 / 3)
-        shape = (len(mesh.faces), len(mesh.points))
-        means = sparse.csr_array((thirds, mesh.faces.ravel(), indptr), shape)
         return cls(
             positions=positions,
             flows=flows,
             moments=_gathering(labels, mesh.areas[:, None] * arms),
-            forces=_gathering(labels, mesh.area_vectors) @ means,
+            forces=_gathering(labels, mesh.area_vectors) @ face_means(mesh),
         )
 
     def mean_squares(self, wave_numbers: Array, flows: Array, dipoles: Complex) -> Array:
@@ -409,7 +416,7 @@ class SkinSound:
     """Sound of M modes that have unit velocity, in units of rho c."""
 
     mean_squares: Array  # (M,), of the far pressure referred to 1 m, over directions, m^2/s^2
-    pressures: Complex  # (V, M), on the skin, 1/s
+    pressures: Complex  # (V, M), on the skin, m/s
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -473,7 +480,7 @@ class Radiator:
         return sphere_impedance(np.maximum(orders - self.thinness, 0.0), sizes)
 
     def _pressures(self, components: Split, impedances: Complex) -> Complex:
-        """Return the pressures at the vertices (V, M) in units of rho c, 1/s."""
+        """Return the pressures at the vertices (V, M) in units of rho c, m/s."""
         count = len(components.parts)
         parts = impedances[:count] * components.parts
         weights = np.einsum("bnm,nm->bm", components.weights, impedances[count:])

@@ -15,6 +15,7 @@ import numpy as np
 from struck.errors import counted, rounded
 from struck.files.sound import Sound
 from struck.model.air_losses import AirLosses
+from struck.model.damping import contains_air
 from struck.model.gains import ExpandedGains, ShapeGains, SkinRadiation
 from struck.model.html import document, modes_table, picture
 from struck.model.model import ModalModel
@@ -43,8 +44,14 @@ class Exhibit:
     spectrograms: Sequence[Figure] = ()  # one for each sound, or none
 
 
-def summary(model: ModalModel, *, whole: bool = True) -> list[str]:
-    """Return the contents of a model, a line each; the `whole` with how it was made."""
+def summary(
+    model: ModalModel, *, whole: bool = True, power: RadiationEfficiency | None = None
+) -> list[str]:
+    """Return the contents of a model, a line each; the `whole` with how it was made.
+
+    The radiation of its modes, `power`, is computed if it is not given.
+    """
+    power = power or known_power(model)
     material = model.material
     is_object_mode = model.of_object
     limit = f"none missing up to {model.complete_to:.0f} Hz"
@@ -90,7 +97,6 @@ def summary(model: ModalModel, *, whole: bool = True) -> list[str]:
         hint = "; another by up= when it is analyzed" if "," in str(up) else ""
         lines += [f"size      {size} m", f"up        {up}: it says where top is{hint}"]
     unit = "Pa per N s" if model.gains.directional else "Pa per N s at 1 m"
-    power = known_power(model)
     efficiency = "" if power is None else f"; {_efficiency(power)}"
     lines.append(f"gains     {unit if model.calibrated else 'relative'}{efficiency}")
     if not isinstance(model.gains, ShapeGains):
@@ -137,6 +143,8 @@ def _describe_fluid(model: ModalModel) -> list[str]:
 
 def _describe_air_losses(model: ModalModel, losses: AirLosses) -> list[str]:
     """Return a line on the modes that lose more to the air than to the material."""
+    if model.material is not None and contains_air(model.material.damping):
+        return ["air       T60 contains the losses to the air, as the damping law does"]
     is_included = bool(model.air_decays.any())
     air_decays = model.air_decays if is_included else losses.sound
     others = model.decays - air_decays if is_included else model.decays

@@ -24,7 +24,13 @@ from struck.model.damping import contains_air
 from struck.model.gains import ShapeGains
 from struck.model.material import AIR
 from struck.model.model import ModalModel
-from struck.model.radiation_efficiency import known_losses
+from struck.model.radiation_efficiency import (
+    air_around,
+    contained_air_decays,
+    external_decays,
+    known_losses,
+    require_calibrated,
+)
 from struck.model.recoil import Recoil
 from struck.model.third_octaves import NumberTable, ThirdOctaves
 from struck.scene.body import Action, Body
@@ -238,13 +244,7 @@ def energy(
 
     >>> struck.files.save_table(energy.bands, "bands.csv")
     """
-    gains = model.gains
-    if not isinstance(gains, ShapeGains) or not gains.calibrated:
-        source = "of recordings" if model.recorded else "relative"
-        raise OptionError(
-            f"no energy in J is known of this model, as its gains are {source}: analyze a body "
-            "with radiation='power'"
-        )
+    gains = require_calibrated(model)
     require_number("sample_rate", sample_rate, 8000, 1e6, whole=True, hint="give Hz, as 48000")
     if seconds is not None:
         require_number("seconds", seconds, 0, 3600, above=True, hint="it must lie above 0")
@@ -258,7 +258,21 @@ def energy(
     audible_mask = below_nyquist(model.frequencies, sample_rate)
     outputs = _outputs(gains)
     strikes = [action for action in actions if isinstance(action, Strike)]
-    if len(strikes) == len(actions) and all(strike.has_closed_form for strike in strikes):
+    contacts = [model.contact(strike.at, strike.direction) for strike in strikes]
+    blows = [
+        strike.resolved(model, contact) for strike, contact in zip(strikes, contacts, strict=True)
+    ]
+    # Forces that `seconds` cuts off have no closed form.
+    last_release = max(
+        (strike.time + blow.duration for strike, blow in zip(strikes, blows, strict=True)),
+        default=0.0,
+    )
+    is_whole = seconds is None or last_release <= seconds
+    if (
+        is_whole
+        and len(strikes) == len(actions)
+        and all(strike.has_closed_form for strike in strikes)
+    ):
         part, recoil_sound = _energies_of_strikes(
             model, strikes, audible_mask, sample_rate, outputs[:, audible_mask]
         )
@@ -276,10 +290,8 @@ def energy(
         * np.divide(rate, total_rates, out=np.zeros_like(rate), where=total_rates > 0)
         for name, rate in rates.items()
     }
-    contacts = [model.contact(strike.at, strike.direction) for strike in strikes]
     recoil = sum(
-        recoil_energy(model, contact, strike.resolved(model, contact))
-        for strike, contact in zip(strikes, contacts, strict=True)
+        recoil_energy(model, contact, blow) for contact, blow in zip(contacts, blows, strict=True)
     )
     optional_energies = [
         strike.striker_energy(model, contact)
@@ -293,7 +305,7 @@ def energy(
         hold=energies.hold_losses,
         **losses,
         radiated=energies.radiated_energies(air_losses.sound, _coherences(outputs)),
-        modes_sound=4 * np.pi / AIR.impedance * part.sound_integral,
+        modes_sound=4 * np.pi / air_around(gains).impedance * part.sound_integral,
         recoil=float(recoil),
         recoil_sound=recoil_sound,
         striker=sum(striker_energies) if is_complete else None,
@@ -312,22 +324,16 @@ def _percentage(part: float, sum_energy: float) -> str:
 def _rates(model: ModalModel, losses: AirLosses) -> tuple[dict[str, Array], tuple[str, ...]]:
     """Return the decay rate (M,) by each loss, 1/s, and notes of what they rest upon."""
     law = None if model.material is None else model.material.damping
-    external_rate = getattr(law, "external", 0.0)
-    support = np.minimum(external_rate if isinstance(external_rate, float) else 0.0, model.decays)
-    remaining_rates, notes = model.decays - support, ()
-    air = np.zeros_like(model.decays)
+    support, air, notes = external_decays(model), contained_air_decays(model, losses), ()
     if law is not None and contains_air(law):
-        air = np.minimum(losses.total, remaining_rates)
         count = int(np.count_nonzero(air < losses.total))
         text = "the damping law contains the air: the material's part is what remains of it"
         notes = (f"{text}, nothing in {counted(count, 'mode')}" if count else text,)
-    elif model.air_decays.any():
-        air = np.minimum(model.air_decays, remaining_rates)
-    else:
+    elif len(model.decays) and not model.air_decays.any():
         notes = ("decay rates leave the air out: the sound takes no energy from the modes",)
     fractions = np.divide(air, losses.total, out=np.zeros_like(air), where=losses.total > 0)
     rates = {
-        "material": remaining_rates - air,
+        "material": model.decays - support - air,
         "support": support,
         "surface": losses.surface * fractions,
         "sound": losses.sound * fractions,
@@ -349,6 +355,9 @@ def _notes(
     if other_kinds and not model.supported:
         kinds = " and ".join(sorted(other_kinds)).lower()
         notes.append(f"the motion of the body as a whole by {kinds} is not counted")
+    fluid = model.provenance.details.get("fluid")
+    if fluid is not None and not model.supported:
+        notes.append(f"the motion of the body as a whole leaves out the mass of the {fluid}")
     return tuple(notes)
 
 

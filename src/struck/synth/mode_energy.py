@@ -126,9 +126,10 @@ class _PulsedModes:
         for first, exponent in zip(parts, columns, strict=True):
             for second_part, second_exponent in zip(parts, columns, strict=True):
                 conjugate = np.conj(second_exponent)
-                overlap = np.asarray(
-                    first * np.conj(second_part) * _integral(exponent + conjugate, seconds)
-                )
+                with np.errstate(invalid="ignore"):  # 0 or a real part times infinity
+                    overlap = np.asarray(
+                        first * np.conj(second_part) * _integral(exponent + conjugate, seconds)
+                    )
                 self._sums.powers += np.where(first * second_part == 0, 0.0, np.real(overlap))
                 self._sums.squares += (
                     first * second_part * _integral(exponent + second_exponent, seconds)
@@ -218,12 +219,17 @@ class SampledMotion:
             self.states = states * self.factors**samples
         return states
 
-    def sums(self, factors: Complex, samples: float) -> Complex:
-        """Return the sums of the powers 1 to `samples` of products of factors, in s."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            last = np.zeros_like(factors) if np.isinf(samples) else factors**samples
-            sums = np.where(factors == 1, samples, factors * (1 - last) / (1 - factors))
-        return np.asarray(sums / self._rate, np.complex128)
+    def sums(self, poles: Array | Complex, samples: float) -> Complex:
+        """Return the sums of exp(z n) over the samples n from 1 on, of sums of poles z, in s.
+
+        From the poles, as those without losses add to exactly 0, and factors to 1 by rounding only.
+        """
+        exponents = np.asarray(poles, np.complex128) / self._rate
+        is_steady = exponents == 0
+        safe_exponents = np.where(is_steady, -1.0, exponents)
+        last = -1.0 if np.isinf(samples) else np.expm1(samples * safe_exponents)
+        sums = np.exp(safe_exponents) * last / np.expm1(safe_exponents) / self._rate
+        return np.where(is_steady, samples / self._rate, sums)
 
 
 class SampledModes:
@@ -264,14 +270,15 @@ class SampledModes:
     def rest(self, samples: float) -> None:
         """Go on by a number of samples without force, or infinitely many."""
         motion, energies = self._motion, self.energies
-        factors, states = motion.factors, motion.rest(samples)
-        powers = motion.sums(np.square(np.abs(factors)).astype(complex), samples).real
-        energies.powers += np.where(states == 0, 0.0, np.square(np.abs(states)) * powers)
-        energies.squares += np.square(states) * motion.sums(np.square(factors), samples)
+        poles, states = motion.poles, motion.rest(samples)
+        is_moving = states != 0
+        squares = np.square(np.abs(states[is_moving]))
+        energies.powers[is_moving] += squares * motion.sums(2 * poles[is_moving].real, samples).real
+        energies.squares += np.square(states) * motion.sums(2 * poles, samples)
         energies.sound_integral += integrate_sound(
             self._outputs * states,
-            motion.sums(factors[:, None] * np.conj(factors), samples),
-            motion.sums(factors[:, None] * factors, samples),
+            motion.sums(poles[:, None] + np.conj(poles), samples),
+            motion.sums(poles[:, None] + poles, samples),
         )
         if np.isinf(samples):
             self._settle()

@@ -124,6 +124,7 @@ _ROUNDS, _HALVINGS = 15, 5
 _MAX_LAST_STEP = 1e-7  # relative: rounds end when no rate changes by more
 _REWEIGHTINGS = 4
 _TINY = np.finfo(float).tiny
+_MIN_START = 0.05  # of the decay, from which the fit starts where the air explains all of it
 _MIN_RATE = 1e-4  # of a curve, as a share of the decay: it has no logarithm at 0
 
 _NORMAL_QUANTILE = 1.96  # standard deviations, within which 19 of 20 values lie
@@ -419,10 +420,10 @@ class _Decays:
 
     def fitted(self, law: LossLaw, weights: Array, deviation: float | None = None) -> _Fit:
         """Fit a law by Gauss-Newton steps in ln d, and the common deviation if it is None."""
-        remainder = np.maximum(
-            self.decays - self.air.sound - self.air.surface, _MIN_RATE * self.decays
+        remainder = self.decays - self.air.sound - self.air.surface
+        start = law.start(
+            self.frequencies, np.maximum(remainder, _MIN_START * self.decays), weights
         )
-        start = law.start(self.frequencies, np.maximum(remainder, 0.05 * self.decays), weights)
         values = np.append(start, deviation or 0.0)
         is_free = deviation is None and self.air.is_uncertain
         residuals, slopes = self._linearised(law, values)
