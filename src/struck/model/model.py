@@ -686,7 +686,13 @@ class ModalModel:
         """
         from struck.model.radiation_efficiency import RadiationEfficiency
 
-        return RadiationEfficiency.of(self)
+        return RadiationEfficiency.of(
+            self.gains,
+            self.frequencies,
+            self.decays,
+            damping=None if self.material is None else self.material.damping,
+            air=self.air_decays,
+        )
 
     def cite(self) -> str:
         """List the papers behind this model.

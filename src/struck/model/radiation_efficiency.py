@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from struck.errors import OptionError
 from struck.model.air_losses import AirLosses, decays_of_pressures
 from struck.model.arrays import Array, brief, checked, require_numbers
-from struck.model.damping import contains_air
-from struck.model.gains import ShapeGains, SkinRadiation
+from struck.model.damping import Damping, contains_air
+from struck.model.gains import Gains, ShapeGains, SkinRadiation
 from struck.model.material import AIR, Air
 from struck.model.third_octaves import NumberTable, ThirdOctaves
-
-if TYPE_CHECKING:
-    from struck.model.model import ModalModel
 
 _ESTIMATE_ERROR = 9.0  # dB, the largest error of the estimate in docs, "Measured errors"
 
@@ -33,11 +29,10 @@ def known_losses(gains: ShapeGains) -> AirLosses:
     )
 
 
-def require_calibrated(model: ModalModel) -> ShapeGains:
-    """Return the gains of a model whose energies are known; OptionError on others."""
-    gains = model.gains
+def require_calibrated(gains: Gains) -> ShapeGains:
+    """Return gains with which energies are known; OptionError on others."""
     if not isinstance(gains, ShapeGains) or not gains.calibrated:
-        source = "of recordings" if model.recorded else "relative"
+        source = "relative" if isinstance(gains, ShapeGains) else "of recordings"
         raise OptionError(
             f"no energy in J and no power in W is known of this model, as its gains are {source}: "
             "analyze a body with radiation='power'"
@@ -50,22 +45,22 @@ def air_around(gains: ShapeGains) -> Air:
     return gains.radiation.air if isinstance(gains.radiation, SkinRadiation) else AIR
 
 
-def external_decays(model: ModalModel) -> Array:
-    """Return the part of the decay rates (M,) that the damping law ascribes to the support, 1/s."""
-    law = None if model.material is None else model.material.damping
-    external_rate = getattr(law, "external", 0.0)
-    return np.minimum(external_rate if np.ndim(external_rate) == 0 else 0.0, model.decays)
+def external_decays(damping: Damping | None, decays: Array) -> Array:
+    """Return the part of decay rates (M,) that a damping law ascribes to the support, 1/s."""
+    external_rate = getattr(damping, "external", 0.0)
+    return np.minimum(external_rate if np.ndim(external_rate) == 0 else 0.0, decays)
 
 
-def contained_air_decays(model: ModalModel, losses: AirLosses) -> Array:
-    """Return the part of the decay rates (M,) that is loss to the air, 1/s.
+def contained_air_decays(
+    damping: Damping | None, decays: Array, added_decays: Array, losses: AirLosses
+) -> Array:
+    """Return the part of decay rates (M,) that is loss to the air, 1/s.
 
     It was added to the damping law, or is contained in it.
     """
-    law = None if model.material is None else model.material.damping
-    is_in_law = law is not None and contains_air(law)
-    air_decays = losses.total if is_in_law else model.air_decays
-    return np.minimum(air_decays, model.decays - external_decays(model))
+    is_in_law = damping is not None and contains_air(damping)
+    air_decays = losses.total if is_in_law else added_decays
+    return np.minimum(air_decays, decays - external_decays(damping, decays))
 
 
 @checked
@@ -124,13 +119,23 @@ class RadiationEfficiency:
             require_numbers(name, getattr(self, name), modes, least=0)
 
     @classmethod
-    def of(cls, model: ModalModel) -> RadiationEfficiency:
+    def of(
+        cls, gains: Gains, frequencies: Array, decays: Array, *, damping: Damping | None, air: Array
+    ) -> RadiationEfficiency:
         """Compute the efficiencies of modes; see `ModalModel.radiated_power`.
 
         Parameters
         ----------
-        model : ModalModel
-            Model with calibrated radiation.
+        gains : Gains
+            Gains of the modes.
+        frequencies : array (M,)
+            Ringing frequencies, Hz.
+        decays : array (M,)
+            Decay rates by all losses, 1/s.
+        damping : Damping or None
+            Damping law of the material, which may contain the air.
+        air : array (M,)
+            Decay rates by the air that were added to those of the law, 1/s.
 
         Returns
         -------
@@ -142,7 +147,7 @@ class RadiationEfficiency:
         OptionError
             If the gains are relative, or of recordings.
         """
-        gains = require_calibrated(model)
+        gains = require_calibrated(gains)
         losses = known_losses(gains)
         if not isinstance(gains.radiation, SkinRadiation):
             raise OptionError(
@@ -160,17 +165,17 @@ class RadiationEfficiency:
         sound_fractions = np.divide(
             losses.sound, losses.total, out=np.zeros_like(losses.sound), where=losses.total > 0
         )
-        included_decays = contained_air_decays(model, losses) * sound_fractions
+        included_decays = contained_air_decays(damping, decays, air, losses) * sound_fractions
         return cls(
-            frequencies=model.frequencies,
+            frequencies=frequencies,
             efficiencies=efficiencies,
             mean_squares=mean_squares,
             decays=losses.sound,
             fractions=np.divide(
                 included_decays,
-                model.decays,
+                decays,
                 out=np.zeros_like(included_decays),
-                where=model.decays > 0,
+                where=decays > 0,
             ),
             uncertainties=losses.uncertainty,
             area=area,

@@ -244,7 +244,7 @@ def energy(
 
     >>> struck.files.save_table(energy.bands, "bands.csv")
     """
-    gains = require_calibrated(model)
+    gains = require_calibrated(model.gains)
     require_number("sample_rate", sample_rate, 8000, 1e6, whole=True, hint="give Hz, as 48000")
     if seconds is not None:
         require_number("seconds", seconds, 0, 3600, above=True, hint="it must lie above 0")
@@ -324,7 +324,8 @@ def _percentage(part: float, sum_energy: float) -> str:
 def _rates(model: ModalModel, losses: AirLosses) -> tuple[dict[str, Array], tuple[str, ...]]:
     """Return the decay rate (M,) by each loss, 1/s, and notes of what they rest upon."""
     law = None if model.material is None else model.material.damping
-    support, air, notes = external_decays(model), contained_air_decays(model, losses), ()
+    support, notes = external_decays(law, model.decays), ()
+    air = contained_air_decays(law, model.decays, model.air_decays, losses)
     if law is not None and contains_air(law):
         count = int(np.count_nonzero(air < losses.total))
         text = "the damping law contains the air: the material's part is what remains of it"
