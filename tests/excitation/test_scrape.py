@@ -303,3 +303,9 @@ def test_a_speed_that_goes_bad_on_the_way_is_an_error_and_no_sample() -> None:
     assert np.isfinite(pushing.advance(384).force).all()
     with pytest.raises(OptionError, match="speed is nan"):
         pushing.advance(384)
+
+
+@pytest.mark.parametrize("seconds", [2**63, 1e99])
+def test_an_end_beyond_all_samples_changes_nothing(seconds: float) -> None:
+    for kind in (scrape, lambda **end: Roll(path=ENDS, speed=0.1, radius=0.01, mass=0.05, **end)):
+        np.testing.assert_array_equal(force(kind(seconds=seconds), 0.1), force(kind(), 0.1))

@@ -339,7 +339,7 @@ def fading(first: int, count: int, fade: int, last: int | None) -> Array | float
     """
     if first >= fade and (last is None or first + count - 1 <= last):
         return 1.0
-    end = np.inf if last is None else last
+    end = np.inf if last is None else float(last)  # a whole number may exceed those of NumPy
     numbers, factors = np.arange(first, first + count), np.ones(count)
     edges = (numbers < fade) | (numbers > end)
     rising = np.minimum((numbers[edges] + 1) / fade, 1)
