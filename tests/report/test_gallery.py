@@ -103,6 +103,29 @@ def test_demo_leaves_a_list_of_what_it_made(
     assert "so far" not in (tmp_path / "made" / "index.html").read_text(encoding="utf-8")
 
 
+def test_files_of_scenes_are_apart_from_those_of_bodies(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    obrien2002 = import_module("struck.report.obrien2002")
+
+    def write(_played: object, folder: Path) -> list[Path]:
+        paths = [folder / f"bowl{ending}" for ending in (".wav", ".png", ".glb", ".xml")]
+        for path in paths:
+            path.write_bytes(b"scene")
+        return paths[:1]
+
+    staged = SimpleNamespace(name="bowl", title="A bowl", text="in two materials")
+    monkeypatch.setattr(obrien2002, "SCENES", {"bowl": lambda *_: staged})
+    monkeypatch.setattr(obrien2002, "_played", lambda *_: None)
+    monkeypatch.setattr(obrien2002, "_saved", write)
+    Path(tmp_path, "bowl.png").write_bytes(b"body")
+    (section,) = obrien2002.scene_sections(tmp_path)
+    links = re.findall(r'(?:src|href)="([^"]+)"', section)
+    assert len(links) == 4
+    assert {Path(tmp_path, link).read_bytes() for link in links} == {b"scene"}
+    assert Path(tmp_path, "bowl.png").read_bytes() == b"body"
+
+
 def test_the_index_is_there_first_and_grows_with_each_entry(
     tmp_path: Path, gallery: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:

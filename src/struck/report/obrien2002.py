@@ -227,23 +227,29 @@ def _saved(played: Played, folder: Path, *, stems: bool = False) -> list[Path]:
 
 
 def scene_sections(folder: Path, progress: Progress = silent) -> Iterator[str]:
-    """Make all scenes at preview accuracy, and yield the HTML that shows and plays each."""
+    """Make all scenes at preview accuracy, and yield the HTML that shows and plays each.
+
+    Their files are in the folder "scenes", as bodies of the gallery have some of the same names.
+    """
+    files = folder / "scenes"
+    files.mkdir(exist_ok=True)
     for name, make in SCENES.items():
-        staged = make(folder, "preview")
+        staged = make(files, "preview")
 
         def report_progress(stage: str, fraction: float, title: str = staged.title) -> None:
             progress(f"{title}: {stage}", fraction)
 
-        paths = _saved(_played(staged, folder, "preview", report_progress), folder)
+        paths = _saved(_played(staged, files, "preview", report_progress), files)
         sounds = "".join(
-            f'<figure><figcaption>{path.stem}</figcaption><audio controls src="{path.name}">'
+            f'<figure><figcaption>{path.stem}</figcaption><audio controls src="scenes/{path.name}">'
             "</audio></figure>"
             for path in paths
         )
         yield (
             f"<section><h2>{html.escape(staged.title)}</h2><p>{html.escape(staged.text)} "
-            f'<a href="{name}.glb">animation (GLB)</a>, <a href="{name}.xml">scene (MJCF)</a></p>'
-            f'{sounds}<img src="{name}.png" alt="{html.escape(staged.title)}" '
+            f'<a href="scenes/{name}.glb">animation (GLB)</a>, '
+            f'<a href="scenes/{name}.xml">scene (MJCF)</a></p>'
+            f'{sounds}<img src="scenes/{name}.png" alt="{html.escape(staged.title)}" '
             'style="max-width:100%"></section>'
         )
 
