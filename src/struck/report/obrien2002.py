@@ -231,8 +231,7 @@ def scene_sections(folder: Path, progress: Progress = silent) -> Iterator[str]:
 
     Their files are in the folder "scenes", as bodies of the gallery have some of the same names.
     """
-    files = folder / "scenes"
-    files.mkdir(exist_ok=True)
+    files = make_folder(folder / "scenes")
     for name, make in SCENES.items():
         staged = make(files, "preview")
 
