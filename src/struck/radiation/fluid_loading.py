@@ -50,7 +50,8 @@ _SHEET_RATIO = 0.05  # thickness over extent above which a flat body counts as a
 _MIN_COSINE = 0.99  # cosine between a normal and z, from which a face lies in the plane of a sheet
 _MAX_AREA_DIFFERENCE = 0.01  # of the upper side and the lower one of a sheet, over the area
 # Mean square of the motion across a sheet, over the largest, below which a mode moves in its plane.
-# Bending modes, mass-normalised, differ by a factor of 4 at most.
+# Shapes are mass-normalised, so that bending modes are within 3 % of each other on plates, and
+# within 20 % on a block of 300 x 200 x 4 mm, whose mode in the plane has less than 0.001.
 _MIN_BENDING = 0.1
 # Start of the note on a model that leaves out a mass of the air that matters.
 AIR_LEFT_OUT = "the mass of the air"
